@@ -1,0 +1,316 @@
+"""From a rig and desired poles to gains and to the difference equation that runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maglev_design.errors import InputError
+from maglev_design.lowering import Program, lower
+from maglev_design.parameters import Equilibrium, Method, Rig
+from maglev_design.symbolic import laws, reference, stability
+from maglev_design.symbolic import plant as p
+from maglev_design.symbolic.flatness import flat_model
+from maglev_design.symbolic.linearisation import believed_coefficients, linearise
+
+PAPER_POLES = (1.0, 70.0)
+"""zeta_d and omega_nd of sec. 4: the yardstick of every tuning."""
+
+POLE_SYMBOLS = (p.zeta_1, p.omega_1, p.zeta_2, p.omega_2)
+
+
+@dataclass(frozen=True)
+class PoleSpec:
+    """Two pole pairs s^2 + 2 zeta_i omega_i s + omega_i^2; the paper's (24) has them equal.
+
+    Attributes
+    ----------
+    first, second : tuple of float
+        (zeta [-], omega_n [rad/s]), both positive.
+    """
+
+    first: tuple[float, float]
+    second: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        for name, value in zip(("zeta", "omega_n") * 2, self.values, strict=True):
+            if not (math.isfinite(value) and value > 0):
+                raise InputError(f"{name} = {value!r}: must be a finite number greater than 0")
+
+    @classmethod
+    def double(cls, zeta: float, omega_n: float) -> PoleSpec:
+        """Return the double pole pair of (24)."""
+        return cls((zeta, omega_n), (zeta, omega_n))
+
+    @property
+    def values(self) -> tuple[float, float, float, float]:
+        """(zeta_1, omega_1, zeta_2, omega_2)."""
+        (zeta_1, omega_1), (zeta_2, omega_2) = self.first, self.second
+        return float(zeta_1), float(omega_1), float(zeta_2), float(omega_2)
+
+
+@dataclass(frozen=True)
+class Believed:
+    """What the controller takes the equilibrium to be: U [V], C_U [m/(s^2 V)], C_Y [1/s^2]."""
+
+    U: float
+    C_U: float
+    C_Y: float
+
+
+@dataclass(frozen=True)
+class Design:
+    """One controller with numbers.
+
+    Attributes
+    ----------
+    poles : PoleSpec
+    equilibrium : str
+        Reading of the equilibrium (``model``, ``appendix-a`` or ``measured``).
+    method : str
+        Discretisation (``tustin``, ``euler`` or ``zoh``).
+    gains : tuple of float
+        (k0, k1, k2, k3), eq. (25) for a double pair.
+    believed : Believed
+    Y : float
+        Gap of the equilibrium [m].
+    coefficients : mapping of str to float
+        Of the difference equation: see :func:`maglev_design.symbolic.laws.difference_equation`.
+    """
+
+    poles: PoleSpec
+    equilibrium: Equilibrium
+    method: Method
+    gains: tuple[float, float, float, float]
+    believed: Believed
+    Y: float
+    coefficients: Mapping[str, float]
+
+
+@cache
+def law() -> laws.ControlLaw:
+    """Return the law that is run (TAN-GPI), derived once a process."""
+    return laws.tan_gpi()
+
+
+@cache
+def equation(method: Method) -> laws.DifferenceEquation:
+    """Return the symbolic difference equation of the law under `method`."""
+    return laws.difference_equation(law(), method)
+
+
+@cache
+def gains_program() -> Program:
+    """Return the program (zeta_1, omega_1, zeta_2, omega_2) -> (k0, k1, k2, k3)."""
+    desired = laws.pole_pairs_polynomial([(p.zeta_1, p.omega_1), (p.zeta_2, p.omega_2)])
+    gains = laws.match_coefficients(desired, 4)
+    return lower(POLE_SYMBOLS, dict(zip(("k0", "k1", "k2", "k3"), gains, strict=True)))
+
+
+@cache
+def coefficients_program(method: Method) -> Program:
+    """Return the program (C_U^, C_Y^, T, u_min, u_max, k0, ..., k3) -> coefficients."""
+    inputs = (p.C_U_hat, p.C_Y_hat, p.T, laws.u_min, laws.u_max, p.k0, p.k1, p.k2, p.k3)
+    outputs = {s.name: stability.believed(x) for s, x in equation(method).coefficients.items()}
+    return lower(inputs, outputs)
+
+
+@cache
+def believed_program(equilibrium: Equilibrium) -> Program:
+    """Return the program (g, beta_c, Y, y0, U) -> (U_hat, C_U_hat, C_Y_hat) of one reading."""
+    plant = p.magnetic_levitation()
+    values = believed_coefficients(plant, linearise(plant), equilibrium)
+    names = ("U_hat", "C_U_hat", "C_Y_hat")
+    return lower((p.g, p.beta_c, p.Y, p.y0, p.U), dict(zip(names, values, strict=True)))
+
+
+@cache
+def plant_program() -> Program:
+    """Return the program (g, beta, y0, y) -> (U, C_U, C_Y) of the true equilibrium at gap y."""
+    plant = p.magnetic_levitation()
+    local = linearise(plant)
+    voltage = plant.equilibrium_voltage.subs(p.Y, p.y)
+    return lower(
+        (p.g, p.beta, p.y0, p.y),
+        {
+            "U": voltage,
+            "C_U": local.C_U_rest.subs(p.U, voltage),
+            "C_Y": local.C_Y_rest.subs(p.Y, p.y),
+        },
+    )
+
+
+@cache
+def _beta_program() -> Program:
+    return lower((p.m, p.C, p.K), {"beta": p.magnetic_levitation().beta})
+
+
+@cache
+def _path_voltage_program() -> Program:
+    plant = p.magnetic_levitation()
+    flat = flat_model(plant, linearise(plant))
+    return lower((p.g, p.beta, p.y0, p.y, p.acc), {"u": flat.nonlinear_input})
+
+
+@cache
+def reference_program() -> Program:
+    """Return the program (t, start_gap, end_gap, start_time, end_time) -> (y*, y*', y*'')."""
+    gap, velocity, acceleration = reference.rest_to_rest(reference.bezier_step())
+    inputs = (
+        p.t,
+        reference.start_gap,
+        reference.end_gap,
+        reference.start_time,
+        reference.end_time,
+    )
+    return lower(inputs, {"y_ref": gap, "v_ref": velocity, "acc_ref": acceleration})
+
+
+def plant_beta(rig: Rig) -> float:
+    """Return beta = K C^2/m of the rig [m^3/(s^2 V^2)], eq. (4).
+
+    Examples
+    --------
+    >>> from maglev_design.parameters import load_rig
+    >>> round(plant_beta(load_rig("belmonte2021")), 8)
+    0.00136883
+    """
+    plant = rig.plant
+    (value,) = _beta_program().scalar()(plant.mass, plant.current_gain, plant.force_constant)
+    return value
+
+
+def reference_path(rig: Rig, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return y*, y*' and y*'' of the rig's path at `times` [s], shape (3, len(times)); SI."""
+    path = rig.reference
+    rows = reference_program().numpy()(
+        np.asarray(times, dtype=float),
+        path.start_gap,
+        path.end_gap,
+        path.start_time,
+        path.end_time,
+    )
+    return np.stack([np.broadcast_to(row, np.shape(times)) for row in rows])
+
+
+def path_gaps(rig: Rig, points: int) -> NDArray[np.float64]:
+    """Return `points` gaps [m] over the hull of the path, the initial gap and Y, ends included."""
+    path = rig.reference
+    ends = (path.start_gap, path.end_gap, rig.initial.gap, rig.operating_point.gap)
+    return (
+        np.linspace(min(ends), max(ends), points) if min(ends) < max(ends) else np.array(ends[:1])
+    )
+
+
+def true_equilibrium(rig: Rig, beta: float, gap: float) -> Believed:
+    """Return U, C_U and C_Y of the plant with `beta` at rest at `gap`."""
+    return Believed(*plant_program().scalar()(rig.plant.gravity, beta, rig.plant.gap_offset, gap))
+
+
+def believed_equilibrium(
+    rig: Rig, equilibrium: Equilibrium, beta_c: float, beta_plant: float
+) -> Believed:
+    """Return what a controller with `beta_c` believes on a plant with `beta_plant`.
+
+    The true equilibrium voltage, used by ``appendix-a`` and ``measured``, is the rig's measured
+    one where the file gives it, else that of the plant.
+    """
+    point = rig.operating_point
+    voltage = point.voltage or true_equilibrium(rig, beta_plant, point.gap).U
+    plant = rig.plant
+    values = believed_program(equilibrium).scalar()(
+        plant.gravity, beta_c, point.gap, plant.gap_offset, voltage
+    )
+    return Believed(*values)
+
+
+def make_design(
+    rig: Rig,
+    poles: PoleSpec,
+    *,
+    equilibrium: Equilibrium = "model",
+    method: Method | None = None,
+    beta_c: float | None = None,
+    beta_plant: float | None = None,
+) -> Design:
+    """Return the controller of `rig` with the given poles.
+
+    Parameters
+    ----------
+    rig : Rig
+    poles : PoleSpec
+    equilibrium : {"model", "appendix-a", "measured"}
+    method : {"tustin", "euler", "zoh"}, optional
+        Default: the rig's.
+    beta_c, beta_plant : float, optional
+        The controller's and the plant's beta; default: the rig's.
+
+    Examples
+    --------
+    >>> from maglev_design.parameters import load_rig
+    >>> make_design(load_rig("belmonte2021"), PoleSpec.double(1, 70)).gains
+    (24010000.0, 1372000.0, 29400.0, 280.0)
+    """
+    own = plant_beta(rig)
+    method = method or rig.sampling.method
+    believed = believed_equilibrium(
+        rig,
+        equilibrium,
+        own if beta_c is None else beta_c,
+        own if beta_plant is None else beta_plant,
+    )
+    k0, k1, k2, k3 = gains_program().scalar()(*poles.values)
+    program = coefficients_program(method)
+    low, high = rig.limits.voltage
+    values = program.scalar()(
+        believed.C_U, believed.C_Y, rig.sampling.period, low, high, k0, k1, k2, k3
+    )
+    coefficients = dict(zip(program.outputs, values, strict=True))
+    return Design(
+        poles,
+        equilibrium,
+        method,
+        (k0, k1, k2, k3),
+        believed,
+        rig.operating_point.gap,
+        coefficients,
+    )
+
+
+def check_path_voltage(rig: Rig) -> None:
+    """Raise `InputError` when following the path needs a voltage outside the rig's range.
+
+    The need is that of the nonlinear plant, u = (y + y0) sqrt((g - y'')/beta), along the path and
+    at rest at the initial gap.
+    """
+    path = rig.reference
+    times = np.linspace(0.0, path.horizon, 2001)
+    gap, _, acceleration = reference_path(rig, times)
+    if float(acceleration.max()) >= rig.plant.gravity:
+        raise InputError(
+            f"reference: y*'' reaches {acceleration.max():.3g} m/s^2; a magnet that only pulls "
+            f"cannot push the ball down faster than gravity, {rig.plant.gravity} m/s^2; give the "
+            "move more time"
+        )
+    gap = np.append(gap, rig.initial.gap)
+    acceleration = np.append(acceleration, 0.0)
+    (need,) = _path_voltage_program().numpy()(
+        rig.plant.gravity, plant_beta(rig), rig.plant.gap_offset, gap, acceleration
+    )
+    low, high = rig.limits.voltage
+    for worst, bad, side in (
+        (need.max(), need.max() > high, "most"),
+        (need.min(), need.min() < low, "least"),
+    ):
+        if bad:
+            at = float(gap[int(np.argmax(need) if side == "most" else np.argmin(need))])
+            raise InputError(
+                f"limits.voltage = [{low:g}, {high:g}] V: the path needs {worst:.4g} V at the gap "
+                f"{at:.4g} m, the {side} on its way; allowed is a range that contains it (or check "
+                "mass, force_constant and current_gain: their units are kg, N m^2/A^2, A/V)"
+            )

@@ -1,0 +1,375 @@
+"""The rig: what a person measures and writes down, validated and in SI units.
+
+No formula of the physics stands here; what follows from these numbers (beta, U, C_U, C_Y) is
+computed by :mod:`maglev_design.design` from the symbolic layer.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Iterator
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+from maglev_design.errors import InputError, nearest
+
+Method = Literal["tustin", "euler", "zoh"]
+Equilibrium = Literal["model", "appendix-a", "measured"]
+METHODS: tuple[Method, ...] = ("tustin", "euler", "zoh")
+EQUILIBRIA: tuple[Equilibrium, ...] = ("model", "appendix-a", "measured")
+DEFAULT_PRESET = "belmonte2021"
+
+LONGEST_GAP = 0.5
+"""[m] No laboratory rig levitates across half a metre: beyond it, millimetres were meant."""
+LONGEST_PERIOD = 0.1
+"""[s] Slower than ten samples a second nothing levitates: beyond it, milliseconds were meant."""
+LONGEST_HORIZON = 3600.0
+"""[s] An hour; beyond it, milliseconds were meant."""
+MOST_SAMPLES = 1_000_000
+"""Samples in one closed loop, so that a period typed in microseconds cannot fill the memory."""
+LARGEST_RIG_FILE = 1_000_000
+"""[bytes] A rig is a page of text."""
+
+
+def _quantity(unit: str, text: str, **limits: Any) -> Any:
+    """Return the pydantic field of one number: its unit, its meaning and its bounds."""
+    return Field(description=f"{text} [{unit}]", json_schema_extra={"unit": unit}, **limits)
+
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Bound = Annotated[float, Field(strict=True)]
+
+
+class Section(BaseModel):
+    """Base of every table of a rig file: frozen, and no key that is not documented."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class PlantParameters(Section):
+    """The ball and the coil, eqs. (1)-(2)."""
+
+    mass: Number = _quantity("kg", "m, mass of the ball", gt=0)
+    gravity: Number = _quantity("m/s^2", "g, gravitational acceleration", gt=0)
+    current_gain: Number = _quantity("A/V", "C, coil current per input voltage", gt=0)
+    force_constant: Number = _quantity(
+        "N m^2/A^2", "K, force K i^2/(y + y0)^2 of the magnet on the ball", gt=0
+    )
+    gap_offset: Number = _quantity(
+        "m", "y0, magnetic offset added to the measured gap", default=0.0, ge=0, le=LONGEST_GAP
+    )
+
+
+class OperatingPoint(Section):
+    """The equilibrium around which the controller is designed, eq. (5)."""
+
+    gap: Number = _quantity("m", "Y, gap of the equilibrium", gt=0, le=LONGEST_GAP)
+    voltage: Number | None = _quantity(
+        "V", "U, measured voltage that holds the ball at Y", default=None, gt=0
+    )
+
+
+class InitialState(Section):
+    """The ball when the controller is switched on."""
+
+    gap: Number = _quantity("m", "y(0), initial gap", gt=0, le=LONGEST_GAP)
+    velocity: Number = _quantity("m/s", "initial velocity, positive downwards", default=0.0)
+
+
+class ReferencePath(Section):
+    """The rest-to-rest Bezier path, eqs. (27)-(29)."""
+
+    start_gap: Number = _quantity("m", "gap before the move", gt=0, le=LONGEST_GAP)
+    end_gap: Number = _quantity("m", "gap after the move", gt=0, le=LONGEST_GAP)
+    start_time: Number = _quantity("s", "t_i, start of the move", ge=0)
+    end_time: Number = _quantity("s", "t_f, end of the move", gt=0)
+    horizon: Number = _quantity(
+        "s", "end of the simulation and of the metrics", gt=0, le=LONGEST_HORIZON
+    )
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.end_time <= self.start_time:
+            raise _fault(
+                "end_time", self.end_time, f"must be after start_time = {self.start_time} s"
+            )
+        if self.horizon < self.end_time:
+            raise _fault(
+                "horizon",
+                self.horizon,
+                f"must not be before the end of the move, end_time = {self.end_time} s",
+            )
+        return self
+
+
+class Sampling(Section):
+    """The sampled controller."""
+
+    period: Number = _quantity("s", "T, sampling period", gt=0, le=LONGEST_PERIOD)
+    delay: Number = _quantity(
+        "s", "time from a sample to the voltage computed from it", default=0.0, ge=0, le=1.0
+    )
+    method: Method = Field(
+        default="tustin", description="how the law is discretised: tustin, euler or zoh [-]"
+    )
+
+
+class Limits(Section):
+    """What the actuator can do and where the ball can be."""
+
+    voltage: tuple[Bound, Bound] = _quantity("V", "actuator range", default=(0.0, math.inf))
+    gap: tuple[Bound, Bound] = _quantity(
+        "m", "beyond it the ball has hit the magnet or dropped", default=(0.0, math.inf)
+    )
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        for name, unit in (("voltage", "V"), ("gap", "m")):
+            low, high = getattr(self, name)
+            if not (math.isfinite(low) and low >= 0):
+                why = "the plant sees u^2, a negative voltage attracts too"
+                note = f" ({why})" if name == "voltage" else ""
+                raise _fault(name, low, f"the lower end must be 0 {unit} or more{note}")
+            if math.isnan(high) or high <= low:
+                raise _fault(name, high, f"the upper end must be above the lower, {low} {unit}")
+        return self
+
+
+class Noise(Section):
+    """Standard deviations of the white noise, sec. 4.2."""
+
+    input: Number = _quantity("V", "noise added to the applied voltage", default=0.0, ge=0)
+    position: Number = _quantity("m", "noise added to the measured gap", default=0.0, ge=0)
+
+
+class Uncertainty(Section):
+    """How far the parameters may be off."""
+
+    beta: Number = _quantity(
+        "-", "u: beta_c/beta may be anywhere in [1 - u, 1 + u]", default=0.0, ge=0, lt=1
+    )
+
+
+class Emulator(Section):
+    """Effects that only the rig emulator adds."""
+
+    inductance: Number = _quantity("H", "L, coil inductance", default=0.0, ge=0)
+    resistance: Number = _quantity("ohm", "R, coil resistance", default=0.0, ge=0)
+    sensor_step: Number = _quantity("m", "quantisation of the gap", default=0.0, ge=0)
+    actuator_step: Number = _quantity("V", "quantisation of the voltage", default=0.0, ge=0)
+
+
+class Rig(Section):
+    """One magnetic-levitation rig and what it is asked to do; immutable, SI units.
+
+    Required are ``[plant]``, ``[operating_point]`` and ``[sampling]``. Without ``[initial]``
+    the ball starts at rest at Y; without ``[reference]`` it is held at Y for one second.
+    """
+
+    name: str = Field(default="unnamed rig", max_length=200, description="name of the rig [-]")
+    source: str = Field(default="", max_length=2000, description="where the values are from [-]")
+    notes: str = Field(default="", max_length=4000, description="what they do not claim [-]")
+    plant: PlantParameters
+    operating_point: OperatingPoint
+    initial: InitialState
+    reference: ReferencePath
+    sampling: Sampling
+    limits: Limits = Limits()
+    noise: Noise = Noise()
+    uncertainty: Uncertainty = Uncertainty()
+    emulator: Emulator = Emulator()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _defaults(cls, data: Any) -> Any:
+        """Start at rest at Y and hold there, where the file does not say otherwise."""
+        if not isinstance(data, dict):
+            return data
+        point = data.get("operating_point")
+        gap = point.get("gap") if isinstance(point, dict) else getattr(point, "gap", None)
+        if isinstance(gap, int | float) and not isinstance(gap, bool):
+            data = dict(data)
+            data.setdefault("initial", {"gap": gap})
+            hold = {"start_gap": gap, "end_gap": gap, "start_time": 0.0}
+            data.setdefault("reference", hold | {"end_time": 1.0, "horizon": 1.0})
+        return data
+
+    @model_validator(mode="after")
+    def _inside_the_limits(self) -> Self:
+        low, high = self.limits.gap
+        gaps = {
+            "operating_point.gap": self.operating_point.gap,
+            "initial.gap": self.initial.gap,
+            "reference.start_gap": self.reference.start_gap,
+            "reference.end_gap": self.reference.end_gap,
+        }
+        for field, gap in gaps.items():
+            if not low < gap < high:
+                raise _fault(field, gap, f"must be inside limits.gap, {low} m to {high} m")
+        samples = self.reference.horizon / self.sampling.period
+        if samples > MOST_SAMPLES:
+            raise _fault(
+                "sampling.period",
+                self.sampling.period,
+                f"gives {samples:.3g} samples over the horizon, at most {MOST_SAMPLES} are "
+                "simulated; was another unit meant?",
+            )
+        return self
+
+
+def _fault(field: str, value: float, allowed: str) -> PydanticCustomError:
+    """Return the error of one field of a section, judged together with its neighbours."""
+    return PydanticCustomError(
+        "rig", "{text}", {"field": field, "value": value, "text": f"{field}: {allowed}"}
+    )
+
+
+def preset_names() -> tuple[str, ...]:
+    """Return the names of the rigs that come with the package, sorted.
+
+    Examples
+    --------
+    >>> "belmonte2021" in preset_names()
+    True
+    """
+    files = resources.files("maglev_design") / "presets"
+    return tuple(sorted(f.name[:-5] for f in files.iterdir() if f.name.endswith(".toml")))
+
+
+def preset_text(name: str) -> str:
+    """Return the TOML text of a preset, comments and sources included.
+
+    Raises
+    ------
+    InputError
+        When no preset has that name.
+    """
+    if name not in preset_names():
+        raise InputError(
+            f"no preset named {name!r}{nearest(name, preset_names())}; "
+            f"presets: {', '.join(preset_names())}"
+        )
+    return (resources.files("maglev_design") / "presets" / f"{name}.toml").read_text("utf-8")
+
+
+def load_rig(source: str | Path) -> Rig:
+    """Return the rig of a TOML file (a path, or a name ending in ``.toml``) or of a preset.
+
+    Raises
+    ------
+    InputError
+        Naming the file, the field, the value, its unit and what is allowed.
+
+    Examples
+    --------
+    >>> load_rig("belmonte2021").plant.mass
+    0.02
+    """
+    path = Path(source)
+    is_path = isinstance(source, Path) or path.suffix == ".toml" or path.exists()
+    if str(source) in preset_names() or not is_path:
+        return parse_rig(preset_text(str(source)), str(source))
+    try:
+        if path.stat().st_size > LARGEST_RIG_FILE:
+            raise InputError(f"{path}: larger than {LARGEST_RIG_FILE} bytes, not a rig file")
+        text = path.read_bytes().decode("utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not a text file in UTF-8") from error
+    return parse_rig(text, str(path))
+
+
+def parse_rig(text: str, origin: str) -> Rig:
+    """Return the rig written in TOML `text`; `origin` names it in errors."""
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{origin}: not valid TOML: {error}") from error
+    except RecursionError as error:
+        raise InputError(f"{origin}: not valid TOML: nested too deeply") from error
+    return make_rig(data, origin)
+
+
+def make_rig(data: dict[str, Any], origin: str = "rig") -> Rig:
+    """Return the validated rig of plain `data`, as it stands in TOML or in a saved design."""
+    try:
+        return Rig.model_validate(data)
+    except ValidationError as error:
+        raise InputError(
+            "\n".join(f"{origin}: {_sentence(detail)}" for detail in error.errors())
+        ) from error
+
+
+def _sentence(detail: ErrorDetails) -> str:
+    """Return one fault of a rig file as a sentence: field, value, unit, what is allowed."""
+    location = [str(part) for part in detail["loc"]]
+    section = ".".join(location[:-1])
+    field = ".".join(location)
+    kind, value, context = detail["type"], detail["input"], detail.get("ctx", {})
+    if kind == "rig":
+        inside = ".".join([*location, context["field"]])
+        return f"{inside} = {context['value']!r}: {context['text'].split(': ', 1)[1]}" + _hint(
+            inside, context["value"]
+        )
+    if kind == "extra_forbidden":
+        known = list(_model_at(location[:-1]).model_fields)
+        where = f"[{section}]" if section else "the top level"
+        return (
+            f"unknown key {field!r}{nearest(location[-1], known)}; "
+            f"{where} takes: {', '.join(known)}"
+        )
+    if kind == "missing":
+        if location[-1] == "initial" or location[-1] == "reference":
+            return "operating_point.gap: required to know where the ball starts"
+        return f"{field}: required and missing{_unit_of(location, ', ')}"
+    if kind in ("model_type", "dict_type"):
+        return f"{field} = {value!r}: must be a table, written [{field}]"
+    allowed = detail["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
+    if kind == "finite_number":
+        allowed = "a finite number"
+    return f"{field} = {value!r}: must be {allowed}{_unit_of(location, ' ')}" + _hint(field, value)
+
+
+def _hint(field: str, value: Any) -> str:
+    """Say so when a gap or a time was plainly typed in thousandths."""
+    if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
+        return ""
+    metres = field.endswith(("gap", "gap_offset"))
+    if metres and value > LONGEST_GAP:
+        return f" (gaps are in metres: {value:g} mm is {value / 1000:g} m)"
+    if field.startswith("sampling") and value > LONGEST_PERIOD:
+        return f" (times are in seconds: {value:g} ms is {value / 1000:g} s)"
+    return ""
+
+
+def _model_at(location: list[str]) -> type[BaseModel]:
+    model: type[BaseModel] = Rig
+    for part in location:
+        inner = model.model_fields[part].annotation if part in model.model_fields else None
+        if isinstance(inner, type) and issubclass(inner, BaseModel):
+            model = inner
+    return model
+
+
+def _unit_of(location: list[str], before: str) -> str:
+    """Return the documented meaning and unit of a field, or nothing for a section."""
+    names = [part for part in location if not part.isdigit()]
+    info = _model_at(names[:-1]).model_fields.get(names[-1]) if names else None
+    return f"{before}({info.description})" if info is not None and info.description else ""
+
+
+def fields(model: type[BaseModel] = Rig, prefix: str = "") -> Iterator[tuple[str, str, str]]:
+    """Yield every field of a rig as ``(dotted name, unit, meaning)``, for documentation."""
+    for name, info in model.model_fields.items():
+        inner = info.annotation
+        if isinstance(inner, type) and issubclass(inner, BaseModel):
+            yield from fields(inner, f"{prefix}{name}.")
+        else:
+            meaning, _, unit = (info.description or "").rpartition(" [")
+            yield f"{prefix}{name}", unit.rstrip("]"), meaning

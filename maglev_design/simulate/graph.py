@@ -1,0 +1,439 @@
+"""One period of the closed loop as a CasADi function, folded over the horizon.
+
+The nonlinear plant is integrated by Runge-Kutta 4 between the instants at which the voltage
+changes; the controller is the lowered difference equation (sampled) or the lowered state
+equation (continuous). On request the sensitivities to the poles are integrated along as further
+states. ISE, IAE and ITAE are quadratures over the track that the fold returns.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from sympy import Symbol
+
+from maglev_design import design as designs
+from maglev_design.lowering import Program, lower
+from maglev_design.parameters import Method, Rig
+from maglev_design.symbolic import laws, metrics, stability
+from maglev_design.symbolic import plant as p
+
+Array = NDArray[np.float64]
+
+STEP_PER_TIME_CONSTANT = 0.1
+"""Integration step as a fraction of the fastest time constant: RK4's error a step is below 1e-7."""
+CONTACT = 1e-3
+"""Share of Y at which a ball counts as touching the magnet when the rig gives no lower limit."""
+
+PLANT_NAMES = ("beta", "g", "y0", "gap_low", "gap_high")
+METRICS = ("ise", "iae", "itae")
+
+
+@dataclass(frozen=True)
+class Timing:
+    """When the voltage of which sample acts.
+
+    Attributes
+    ----------
+    whole : int
+        Whole periods of delay n.
+    part : float
+        What is left of the delay, T_1 in [0, T) [s].
+    held : int
+        How many earlier voltages the loop has to remember.
+    """
+
+    whole: int
+    part: float
+    held: int
+
+
+def timing(period: float, delay: float) -> Timing:
+    """Return delay = n T + T_1, with the decimals of both taken as exact.
+
+    Examples
+    --------
+    >>> timing(0.001, 0.003)
+    Timing(whole=3, part=0.0, held=3)
+    """
+    exact, step = Fraction(repr(float(delay))), Fraction(repr(float(period)))
+    whole = exact // step
+    part = float(exact - whole * step)
+    return Timing(int(whole), part, int(whole) + (1 if part > 0 else 0))
+
+
+@dataclass(frozen=True)
+class LoopGraph:
+    """A closed loop ready to run, for one rig, one method and one grid.
+
+    Attributes
+    ----------
+    rig : Rig
+    method : str or None
+        None for the continuous controller.
+    state_names, parameter_names : tuple of str
+        Rows of the folded state and of the parameter vector.
+    times : array, shape (N + 1,)
+        Sampling instants and the horizon [s].
+    inputs : casadi.DM, shape (n_inputs, N)
+        Per period: durations of the integration steps, reference at the nodes.
+    fold : casadi.Function
+        (state, parameters, inputs, noise) -> (states, voltages, track) over the horizon; the
+        track holds gap and velocity after every integration step.
+    quadrature : casadi.Function
+        (track of the gap, of the velocity, their values at t = 0) -> (increments of ISE, IAE and
+        ITAE of every integration step), and with tangents of the tracks: tangents of the sums.
+    ends : array
+        The end of every integration step [s].
+    directions : int
+        How many sensitivities are carried along.
+    """
+
+    rig: Rig
+    method: Method | None
+    state_names: tuple[str, ...]
+    parameter_names: tuple[str, ...]
+    times: Array
+    inputs: ca.DM
+    fold: ca.Function
+    quadrature: ca.Function
+    ends: Array
+    directions: int
+
+
+@cache
+def acceleration_program() -> Program:
+    """Return the program (g, beta, gap + y0 as y, u) -> acceleration of the plant (4)."""
+    plant = p.magnetic_levitation()
+    return lower((p.g, p.beta, p.y0, p.y, p.u), {"acc": plant.acceleration})
+
+
+@cache
+def metrics_program() -> Program:
+    """Return the program of one step's increments of ISE, IAE and ITAE."""
+    steps = metrics.increments()
+    inputs = (
+        metrics.e_start,
+        metrics.e_end,
+        metrics.slope_start,
+        metrics.slope_end,
+        metrics.t_start,
+        metrics.h,
+    )
+    outputs = {"ise": steps.ise, "iae": steps.iae, "itae": steps.itae}
+    return lower(inputs, outputs, steps.definitions)
+
+
+@cache
+def step_program(method: Method) -> Program:
+    """Return the sampled law's step: states, y, y*, y*'', Y, U, limits, coefficients -> next.
+
+    Outputs: the next states, the commanded and the applied voltage. This program, printed, is the
+    exported controller.
+    """
+    equation = designs.equation(method)
+    inputs: list[Symbol] = [
+        *equation.law.states,
+        p.y,
+        p.y_ref,
+        p.acc_ref,
+        p.Y,
+        p.U,
+        laws.u_min,
+        laws.u_max,
+        *equation.coefficients,
+    ]
+    outputs = {
+        f"{state.name}_next": x
+        for state, x in zip(equation.law.states, equation.next_states, strict=True)
+    }
+    outputs |= {"commanded": laws.commanded, "applied": equation.applied}
+    return lower(inputs, outputs, {laws.commanded: equation.commanded})
+
+
+@cache
+def continuous_program() -> Program:
+    """Return the continuous law: states, y, y*, y*'', Y, U, limits, C_U^, C_Y^, gains -> rates."""
+    law = designs.law()
+    rates, command = laws.continuous_equation(law)
+    inputs: list[Symbol] = [
+        *law.states,
+        p.y,
+        p.y_ref,
+        p.acc_ref,
+        p.Y,
+        p.U,
+        laws.u_min,
+        laws.u_max,
+        p.C_U_hat,
+        p.C_Y_hat,
+        *law.gains,
+    ]
+    outputs = {
+        f"{state.name}_rate": stability.believed(rate)
+        for state, rate in zip(law.states, rates, strict=True)
+    }
+    outputs["commanded"] = laws.commanded
+    return lower(inputs, outputs, {laws.commanded: stability.believed(command)})
+
+
+def controller_names(method: Method | None) -> tuple[str, ...]:
+    """Return the controller's part of the parameter vector, in order."""
+    fixed = ("Y", "U", "u_min", "u_max")
+    if method is None:
+        return (*fixed, "C_U_hat", "C_Y_hat", "k0", "k1", "k2", "k3")
+    return (*fixed, *designs.coefficients_program(method).outputs)
+
+
+def contact_gap(rig: Rig) -> float:
+    """Return the gap at which the ball counts as touching the magnet [m]."""
+    return max(rig.limits.gap[0], CONTACT * rig.operating_point.gap)
+
+
+def build(
+    rig: Rig, method: Method | None, *, directions: int = 0, refine: int = 1, fastest: float = 0.0
+) -> LoopGraph:
+    """Return the folded closed loop of `rig`.
+
+    Parameters
+    ----------
+    rig : Rig
+    method : str or None
+        Discretisation of the controller, or None for a continuous one (no delay then).
+    directions : int
+        Sensitivities carried along, each a column of the tangent of the parameters.
+    refine : int
+        Integration steps per default step; 2 halves them.
+    fastest : float
+        [1/s] Fastest rate of the continuous controller; the plant's own is always respected.
+    """
+    period = rig.sampling.period
+    when = timing(period, rig.sampling.delay) if method else Timing(0, 0.0, 0)
+    smallest = min(float(g) for g in designs.path_gaps(rig, 2)) + rig.plant.gap_offset
+    rate = max(math.sqrt(4 * rig.plant.gravity / smallest), fastest)
+
+    def substeps(duration: float) -> int:
+        return refine * math.ceil(duration * rate / STEP_PER_TIME_CONSTANT) if duration else 0
+
+    pieces = (substeps(when.part), substeps(period - when.part))
+    times = _instants(rig.reference.horizon, period)
+    durations = _durations(np.diff(times), when.part, pieces)
+    halves = method is None
+    nodes = _nodes(times[:-1], durations, halves)
+    reference = designs.reference_path(rig, nodes.ravel()).reshape(3, *nodes.shape)
+    stacked = np.concatenate([durations, reference.transpose(0, 2, 1).reshape(-1, len(times) - 1)])
+    step, states, parameters = _step(method, when, pieces)
+    if directions:
+        step = _with_tangents(step, directions)
+    fold = _fold(step, len(times) - 1)
+    ends = (times[:-1] + np.cumsum(durations, axis=0)).ravel(order="F")
+    quadrature = _quadrature(rig, ends, durations.ravel(order="F"), directions)
+    return LoopGraph(
+        rig, method, states, parameters, times, ca.DM(stacked), fold, quadrature, ends, directions
+    )
+
+
+def _fold(step: ca.Function, count: int) -> ca.Function:
+    """Return the step folded `count` times, one column of parameters serving all of them."""
+    state, parameters = (ca.MX.sym(name, step.size1_in(name)) for name in step.name_in()[:2])
+    inputs, noise = (ca.MX.sym(name, step.size1_in(name), count) for name in step.name_in()[2:])
+    repeated = ca.repmat(parameters, 1, count)
+    outputs = step.mapaccum("fold", count)(state, repeated, inputs, noise)
+    return ca.Function("fold", [state, parameters, inputs, noise], list(outputs))
+
+
+def _quadrature(rig: Rig, ends: Array, lengths: Array, directions: int) -> ca.Function:
+    """Return the metrics of a track as one function of whole vectors."""
+    size = len(ends)
+    starts = np.concatenate([[0.0], ends[:-1]])
+    instants = np.concatenate([[0.0], ends])
+    reference, slope, _ = designs.reference_path(rig, instants)
+    gap, velocity = ca.MX.sym("gap", size), ca.MX.sym("velocity", size)
+    first, speed = ca.MX.sym("first"), ca.MX.sym("speed")
+    error = ca.vertcat(first, gap) - reference
+    change = ca.vertcat(speed, velocity) - slope
+    increments = metrics_program().casadi(
+        error[:-1], error[1:], change[:-1], change[1:], ca.MX(starts), ca.MX(lengths)
+    )
+    inputs, outputs = [gap, velocity, first, speed], [ca.horzcat(*increments)]
+    if directions:
+        seeds = [ca.MX.sym("gap_tangent", size, directions)]
+        seeds.append(ca.MX.sym("velocity_tangent", size, directions))
+        sums = ca.vertcat(*[ca.sum1(x) for x in increments])
+        outputs.append(ca.jtimes(sums, ca.vertcat(gap, velocity), ca.vertcat(*seeds)))
+        inputs += seeds
+    return ca.Function("quadrature", inputs, outputs)
+
+
+def _instants(horizon: float, period: float) -> Array:
+    """Return 0, T, 2 T, ... and the horizon; each instant is k T rounded once."""
+    count = math.ceil(Fraction(repr(horizon)) / Fraction(repr(period)))
+    times: Array = np.arange(count + 1, dtype=float) * period
+    times[-1] = horizon
+    return times
+
+
+def _durations(lengths: Array, part: float, pieces: tuple[int, int]) -> Array:
+    """Return the substeps' durations, shape (sum(pieces), N); a short last period is shared."""
+    early = np.minimum(part, lengths)
+    late = lengths - early
+    rows = [
+        length / count
+        for length, count in zip((early, late), pieces, strict=True)
+        for _ in range(count)
+    ]
+    return np.asarray(np.stack(rows), dtype=float)
+
+
+def _nodes(starts: Array, durations: Array, halves: bool) -> Array:
+    """Return the instants at which the reference is needed, shape (N, n_nodes)."""
+    ends = starts + np.cumsum(durations, axis=0)
+    rows = [starts]
+    for end, duration in zip(ends, durations, strict=True):
+        rows += [end - duration / 2, end] if halves else [end]
+    return np.stack(rows, axis=1)
+
+
+def _step(
+    method: Method | None, when: Timing, pieces: tuple[int, int]
+) -> tuple[ca.Function, tuple[str, ...], tuple[str, ...]]:
+    """Return one period (state, parameters, inputs, noise) -> (state, voltages)."""
+    law = designs.law()
+    held = tuple(f"held_{n}" for n in range(when.held))
+    states = ("y", "v", *[x.name for x in law.states], *held, "alive")
+    parameters = (*controller_names(method), *PLANT_NAMES)
+    x = {name: ca.SX.sym(name) for name in states}
+    q = {name: ca.SX.sym(name) for name in parameters}
+    total = sum(pieces)
+    per_step = 2 if method is None else 1
+    h = ca.SX.sym("h", total)
+    reference = ca.SX.sym("reference", 3 * (per_step * total + 1))
+    noise = ca.SX.sym("noise", 2)
+    rows = ca.reshape(reference, -1, 3)
+    stepper = _Stepper(q, h, rows, noise, per_step)
+    state_in = ca.vertcat(*x.values())
+    track: list[Any] = []
+    if method is None:
+        for n in range(total):
+            x = stepper.continuous(x, n)
+            track.append((x["y"], x["v"]))
+        commanded = stepper.command(x, -1)
+        applied = ca.fmin(ca.fmax(commanded, q["u_min"]), q["u_max"])
+    else:
+        controller = {**q, **x, "y": x["y"] + noise[1], "y_ref": rows[0, 0], "acc_ref": rows[0, 2]}
+        program = step_program(method)
+        *moved, commanded, applied = program.casadi(*[controller[n] for n in program.inputs])
+        pipeline = [applied, *[x[name] for name in held]]
+        for n in range(total):
+            voltage = pipeline[when.whole + 1 if n < pieces[0] else when.whole]
+            x = stepper.sampled(x, voltage + noise[0], n)
+            track.append((x["y"], x["v"]))
+        x |= {s.name: value for s, value in zip(law.states, moved, strict=True)}
+        x |= dict(zip(held, pipeline, strict=False))
+    function = ca.Function(
+        "step",
+        [state_in, ca.vertcat(*q.values()), ca.vertcat(h, reference), noise],
+        [
+            ca.vertcat(*[x[name] for name in states]),
+            ca.vertcat(commanded, applied),
+            ca.vertcat(*[gap for gap, _ in track], *[speed for _, speed in track]),
+        ],
+        ["state", "parameters", "inputs", "noise"],
+        ["state_next", "voltages", "track"],
+    )
+    return function, states, parameters
+
+
+@dataclass(frozen=True)
+class _Stepper:
+    """One integration step of the plant, with or without the controller inside."""
+
+    q: dict[str, Any]
+    h: Any
+    rows: Any
+    noise: Any
+    per_step: int
+
+    def acceleration(self, y: Any, u: Any) -> Any:
+        """Return y'' with the gap kept off the magnet, so that a crash never divides by zero."""
+        q = self.q
+        gap = ca.fmax(y, q["gap_low"] / 2)
+        (value,) = acceleration_program().casadi(q["g"], q["beta"], q["y0"], gap, u)
+        return value
+
+    def command(self, x: dict[str, Any], node: int) -> Any:
+        return self._law(x, node)[-1]
+
+    def _law(self, x: dict[str, Any], node: int) -> list[Any]:
+        row = self.rows[node, :]
+        values = {**self.q, **x, "y": x["y"] + self.noise[1], "y_ref": row[0], "acc_ref": row[2]}
+        program = continuous_program()
+        return program.casadi(*[values[name] for name in program.inputs])
+
+    def sampled(self, x: dict[str, Any], voltage: Any, n: int) -> dict[str, Any]:
+        def rates(z: Any, _stage: int) -> Any:
+            return ca.vertcat(z[1], self.acceleration(z[0], voltage))
+
+        z = _runge_kutta(rates, ca.vertcat(x["y"], x["v"]), self.h[n])
+        return self._finish(x, {"y": z[0], "v": z[1]})
+
+    def continuous(self, x: dict[str, Any], n: int) -> dict[str, Any]:
+        names = [s.name for s in designs.law().states]
+
+        def rates(z: Any, stage: int) -> Any:
+            own = {"y": z[0], **{name: z[2 + k] for k, name in enumerate(names)}}
+            *moved, commanded = self._law(own, 2 * n + stage)
+            applied = ca.fmin(ca.fmax(commanded, self.q["u_min"]), self.q["u_max"])
+            return ca.vertcat(z[1], self.acceleration(z[0], applied + self.noise[0]), *moved)
+
+        z = _runge_kutta(rates, ca.vertcat(x["y"], x["v"], *[x[m] for m in names]), self.h[n])
+        moved = {"y": z[0], "v": z[1], **{name: z[2 + k] for k, name in enumerate(names)}}
+        return self._finish(x, moved)
+
+    def _finish(self, x: dict[str, Any], moved: dict[str, Any]) -> dict[str, Any]:
+        """Stop a ball that has hit the magnet or dropped."""
+        low, high = self.q["gap_low"], self.q["gap_high"]
+        alive = x["alive"] * (moved["y"] > low) * (moved["y"] < high)
+        y = ca.if_else(x["alive"], ca.fmin(ca.fmax(moved["y"], low), high), x["y"])
+        return {**x, **moved, "y": y, "v": ca.if_else(alive, moved["v"], 0), "alive": alive}
+
+
+def _runge_kutta(rates: Any, z: Any, h: Any) -> Any:
+    """Return one classical Runge-Kutta step; stage 0, 1, 2 is the start, middle and end."""
+    a = rates(z, 0)
+    b = rates(z + h / 2 * a, 1)
+    c = rates(z + h / 2 * b, 1)
+    d = rates(z + h * c, 2)
+    return z + h / 6 * (a + 2 * b + 2 * c + d)
+
+
+def _with_tangents(step: ca.Function, directions: int) -> ca.Function:
+    """Return the step that carries its forward sensitivities along, `directions` columns.
+
+    With s' = F(s, q): S' = dF/ds S + dF/dq Q, Q the tangent of the parameters.
+    """
+    shapes = [step.size1_in(n) for n in range(4)]
+    s, q, inputs, noise = (ca.SX.sym(name, size) for name, size in zip("sqin", shapes, strict=True))
+    tangent, seed = ca.SX.sym("S", shapes[0], directions), ca.SX.sym("Q", shapes[1], directions)
+    outputs = step(s, q, inputs, noise)
+    seeds = ca.vertcat(tangent, seed)
+    moved = [ca.vec(ca.jtimes(x, ca.vertcat(s, q), seeds)) for x in outputs]
+    return ca.Function(
+        "step",
+        [
+            ca.vertcat(s, ca.vec(tangent)),
+            ca.vertcat(q, ca.vec(seed)),
+            inputs,
+            noise,
+        ],
+        [ca.vertcat(x, dx) for x, dx in zip(outputs, moved, strict=True)],
+        step.name_in(),
+        step.name_out(),
+    )

@@ -1,0 +1,338 @@
+"""Scenarios in, responses out: what the closed loop does and how well."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from maglev_design.design import Design, coefficients_program, gains_program, reference_path
+from maglev_design.parameters import Method, Rig
+from maglev_design.simulate import graph as graphs
+from maglev_design.simulate.noise import INPUT_CHANNEL, POSITION_CHANNEL, standard_normals
+
+Array = NDArray[np.float64]
+
+SAFETY = 2.0
+"""Factor between the difference of two step sizes and the stated error bound (4th order: 16/15)."""
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """What happens to one closed loop, beyond the rig and the controller.
+
+    Attributes
+    ----------
+    beta_plant : float
+        The plant's true beta [m^3/(s^2 V^2)].
+    initial_gap, initial_velocity : float
+        y(0) [m] and y'(0) [m/s].
+    noise : bool
+        Whether the rig's noise acts.
+    seed, index : int
+        Seed and scenario number of the noise stream.
+    """
+
+    beta_plant: float
+    initial_gap: float
+    initial_velocity: float = 0.0
+    noise: bool = False
+    seed: int = 0
+    index: int = 0
+
+
+@dataclass(frozen=True)
+class Crash:
+    """Where the ball ended before its time: ``magnet`` or ``dropped``, and when [s]."""
+
+    where: str
+    time: float
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """Figures of one response, SI units; true error e = y - y* over [0, horizon].
+
+    Attributes
+    ----------
+    ise, iae, itae : float
+        Integrals of e^2, |e| and t |e|.
+    itae_split : dict
+        ITAE before (``start``), during (``move``) and after (``hold``) the move.
+    peak_voltage, min_voltage : float
+        Extremes of the commanded voltage, up to a crash [V].
+    peak_applied : float
+        Largest voltage after the clamp [V].
+    min_gap, max_gap : float
+        Extremes of the gap at the sampling instants [m].
+    final_error : float
+        e at the horizon [m].
+    crash : Crash or None
+    """
+
+    ise: float
+    iae: float
+    itae: float
+    itae_split: dict[str, float]
+    peak_voltage: float
+    min_voltage: float
+    peak_applied: float
+    min_gap: float
+    max_gap: float
+    final_error: float
+    crash: Crash | None
+
+    @property
+    def crashed(self) -> bool:
+        """Whether the ball hit the magnet or dropped."""
+        return self.crash is not None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the figures for JSON, ``crashed`` included."""
+        return {**asdict(self), "crashed": self.crashed}
+
+
+@dataclass(frozen=True)
+class Response:
+    """One closed loop over its horizon.
+
+    Attributes
+    ----------
+    times : array, shape (N + 1,)
+    gap, velocity, reference : array, shape (N + 1,)
+        At `times` [m, m/s, m].
+    commanded, applied : array, shape (N,)
+        Voltage computed from the sample at times[:-1], before and after the clamp [V].
+    metrics : Metrics
+    gradients : mapping of str to array
+        Sensitivities of itae, iae, ise, peak_voltage, min_voltage, min_gap and max_gap, each of
+        shape (directions,); empty unless they were asked for.
+    """
+
+    times: Array
+    gap: Array
+    velocity: Array
+    reference: Array
+    commanded: Array
+    applied: Array
+    metrics: Metrics
+    gradients: Mapping[str, Array]
+
+
+def nominal_scenario(rig: Rig, beta_plant: float) -> Scenario:
+    """Return the rig's own start on a plant with `beta_plant`, without noise."""
+    return Scenario(beta_plant, rig.initial.gap, rig.initial.velocity)
+
+
+def mirrored(rig: Rig, scenario: Scenario) -> Scenario:
+    """Return the scenario with the initial error of the other sign."""
+    start = rig.reference.start_gap
+    return replace(scenario, initial_gap=2 * start - scenario.initial_gap)
+
+
+def parameter_vector(loop: graphs.LoopGraph, design: Design, scenario: Scenario) -> Array:
+    """Return the numbers of `loop.parameter_names` for one controller on one plant."""
+    rig = loop.rig
+    low, high = rig.limits.voltage
+    values = {
+        "Y": design.Y,
+        "U": design.believed.U,
+        "u_min": low,
+        "u_max": high,
+        "C_U_hat": design.believed.C_U,
+        "C_Y_hat": design.believed.C_Y,
+        **dict(zip(("k0", "k1", "k2", "k3"), design.gains, strict=True)),
+        **design.coefficients,
+        "beta": scenario.beta_plant,
+        "g": rig.plant.gravity,
+        "y0": rig.plant.gap_offset,
+        "gap_low": graphs.contact_gap(rig),
+        "gap_high": rig.limits.gap[1],
+    }
+    return np.array([values[name] for name in loop.parameter_names], dtype=float)
+
+
+def start_state(loop: graphs.LoopGraph, design: Design, scenario: Scenario) -> Array:
+    """Return the state at t = 0: controller at zero, held voltages at the feedforward [SI]."""
+    y_ref, _, acc_ref = reference_path(loop.rig, np.zeros(1))[:, 0]
+    low, high = loop.rig.limits.voltage
+    c = design.coefficients
+    feedforward = design.believed.U + c["f_y"] * (y_ref - design.Y) + c["f_a"] * acc_ref
+    values = {"y": scenario.initial_gap, "v": scenario.initial_velocity, "alive": 1.0}
+    held = min(max(feedforward, low), high)
+    return np.array(
+        [held if n.startswith("held") else values.get(n, 0.0) for n in loop.state_names]
+    )
+
+
+def noise_samples(rig: Rig, scenario: Scenario, steps: int) -> Array | ca.DM:
+    """Return input and position noise, shape (2, steps) [V, m]; zeros without noise."""
+    if not scenario.noise:
+        return ca.DM(2, steps)
+    channels = ((INPUT_CHANNEL, rig.noise.input), (POSITION_CHANNEL, rig.noise.position))
+    return np.stack(
+        [
+            deviation * standard_normals(scenario.seed, scenario.index, channel, steps)
+            for channel, deviation in channels
+        ]
+    )
+
+
+def simulate(
+    loop: graphs.LoopGraph, design: Design, scenario: Scenario, tangent: Array | None = None
+) -> Response:
+    """Run one closed loop with the interpreted back end.
+
+    Parameters
+    ----------
+    loop : LoopGraph
+        Of the same rig and method as the design.
+    design : Design
+    scenario : Scenario
+    tangent : array, shape (n_parameters, directions), optional
+        Derivative of the parameter vector, as :func:`pole_tangent` gives it; needs a loop built
+        with as many directions.
+    """
+    steps = len(loop.times) - 1
+    size, width = len(loop.state_names), loop.directions
+    state = start_state(loop, design, scenario)
+    vector = parameter_vector(loop, design, scenario)
+    if width:
+        seed = np.zeros((len(vector), width)) if tangent is None else tangent
+        state = np.concatenate([state, np.zeros(size * width)])
+        vector = np.concatenate([vector, seed.ravel(order="F")])
+    noise = noise_samples(loop.rig, scenario, steps)
+    outputs = loop.fold(state, vector, loop.inputs, noise)
+    states, voltages, track = (matrix.full() for matrix in outputs)
+    history = np.concatenate([state[:, None], states], axis=1)
+    return _response(loop, history, voltages, track)
+
+
+def _response(loop: graphs.LoopGraph, history: Array, voltages: Array, track: Array) -> Response:
+    rows = dict(zip(loop.state_names, history, strict=False))
+    times, rig = loop.times, loop.rig
+    reference = reference_path(rig, times)[0]
+    alive = rows["alive"] > 0
+    lived = int(alive.sum())
+    commanded, applied = voltages[0], voltages[1]
+    crash = None
+    if not alive[-1]:
+        where = "dropped" if rows["y"][-1] >= rig.limits.gap[1] else "magnet"
+        crash = Crash(where, float(times[lived]))
+    increments, slopes = _quadrature(loop, history, track)
+    ise, iae, itae = increments.sum(axis=0)
+    move = (loop.ends > rig.reference.start_time) & (loop.ends <= rig.reference.end_time)
+    before = loop.ends <= rig.reference.start_time
+    parts = {"start": before, "move": move, "hold": ~(before | move)}
+    active = slice(0, min(lived, len(commanded)))
+    metrics = Metrics(
+        ise=float(ise),
+        iae=float(iae),
+        itae=float(itae),
+        itae_split={name: float(increments[mask, 2].sum()) for name, mask in parts.items()},
+        peak_voltage=float(commanded[active].max()),
+        min_voltage=float(commanded[active].min()),
+        peak_applied=float(applied[active].max()),
+        min_gap=float(rows["y"].min()),
+        max_gap=float(rows["y"].max()),
+        final_error=float(rows["y"][-1] - reference[-1]),
+        crash=crash,
+    )
+    gradients: dict[str, Array] = {}
+    if loop.directions:
+        gradients = dict(zip(graphs.METRICS, slopes, strict=True))
+        gradients |= _extreme_gradients(loop, history, voltages, active)
+    return Response(times, rows["y"], rows["v"], reference, commanded, applied, metrics, gradients)
+
+
+def _quadrature(loop: graphs.LoopGraph, history: Array, track: Array) -> tuple[Array, Array]:
+    """Return the increments of every step, shape (n, 3), and the sums' tangents, shape (3, d)."""
+    width, count = loop.directions, len(loop.ends) // (len(loop.times) - 1)
+    first = history[:2, 0]
+    blocks = track.reshape(1 + width, 2, count, -1).transpose(0, 1, 3, 2).reshape(1 + width, 2, -1)
+    gap, velocity = blocks[0]
+    if not width:
+        return loop.quadrature(gap, velocity, *first).full(), np.empty((3, 0))
+    tangents = [blocks[1:, k].T for k in (0, 1)]
+    increments, slopes = loop.quadrature(gap, velocity, *first, *tangents)
+    return increments.full(), slopes.full()
+
+
+def _extreme_gradients(
+    loop: graphs.LoopGraph, history: Array, voltages: Array, active: slice
+) -> dict[str, Array]:
+    """Return the tangents of the extremes of voltage and gap, taken where they are reached."""
+    size, width = len(loop.state_names), loop.directions
+    gap_row = loop.state_names.index("y")
+    gap = history[gap_row]
+    gap_tangent = history[size:].reshape(width, size, -1)[:, gap_row]
+    commanded = voltages[0][active]
+    moved = voltages[2:].reshape(width, 2, -1)[:, 0]
+    return {
+        "peak_voltage": moved[:, int(np.argmax(commanded))],
+        "min_voltage": moved[:, int(np.argmin(commanded))],
+        "min_gap": gap_tangent[:, int(np.argmin(gap))],
+        "max_gap": gap_tangent[:, int(np.argmax(gap))],
+    }
+
+
+@cache
+def _pole_jacobian(method: Method | None) -> ca.Function:
+    """Return the derivative of the controller's parameters with respect to the four pole values."""
+    poles, fixed = ca.SX.sym("poles", 4), ca.SX.sym("fixed", 5)
+    gains = gains_program().casadi(*ca.vertsplit(poles))
+    values = dict(zip(("k0", "k1", "k2", "k3"), gains, strict=True))
+    if method is not None:
+        program = coefficients_program(method)
+        numbers = program.casadi(*ca.vertsplit(fixed), *gains)
+        values |= dict(zip(program.outputs, numbers, strict=True))
+    names = (*graphs.controller_names(method), *graphs.PLANT_NAMES)
+    moving = ca.vertcat(*[values.get(name, ca.SX(0)) for name in names])
+    return ca.Function("pole_jacobian", [poles, fixed], [ca.jacobian(moving, poles)])
+
+
+def pole_tangent(loop: graphs.LoopGraph, design: Design, directions: Array) -> Array:
+    """Return d(parameter vector)/d(poles) times `directions`, shape (n_parameters, d).
+
+    Parameters
+    ----------
+    directions : array, shape (4, d)
+        Columns in (zeta_1, omega_1, zeta_2, omega_2); [[1, 0], [0, 1], [1, 0], [0, 1]] for a
+        double pair.
+    """
+    rig = loop.rig
+    believed = design.believed
+    fixed = [believed.C_U, believed.C_Y, rig.sampling.period, *rig.limits.voltage]
+    slopes = _pole_jacobian(loop.method)(design.poles.values, fixed).full() @ directions
+    # An unlimited voltage makes the integrator's bound infinite, and its slope 0 times infinity.
+    return np.asarray(np.where(np.isfinite(slopes), slopes, 0.0))
+
+
+def error_bounds(
+    rig: Rig, design: Design, scenario: Scenario, *, continuous: bool = False
+) -> tuple[Response, dict[str, float]]:
+    """Run a loop and return it with bounds on the relative error of ISE, IAE and ITAE.
+
+    The loop is run again with the integration steps halved; the bound is twice the difference,
+    where a fourth-order method needs 16/15 (and a kink of the clamp, which lowers the order, two).
+    """
+    coarse, fine = (
+        simulate(_loop_for(rig, design, continuous, refine), design, scenario) for refine in (1, 2)
+    )
+    bounds = {}
+    for name in ("ise", "iae", "itae"):
+        a, b = getattr(coarse.metrics, name), getattr(fine.metrics, name)
+        scale = abs(b)
+        bounds[name] = SAFETY * abs(a - b) / scale if scale and math.isfinite(scale) else 0.0
+    return fine, bounds
+
+
+def _loop_for(rig: Rig, design: Design, continuous: bool, refine: int) -> graphs.LoopGraph:
+    fastest = max(design.gains[3], *design.poles.values[1::2]) if continuous else 0.0
+    return graphs.build(rig, None if continuous else design.method, refine=refine, fastest=fastest)

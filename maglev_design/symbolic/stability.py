@@ -1,0 +1,168 @@
+"""Closed-loop polynomials, continuous and sampled, and the Routh-Hurwitz conditions (App. A).
+
+The controller believes (C_U^, C_Y^); at the gap where the ball is, the plant has (C_U', C_Y').
+Only rho = C_U'/C_U^ and C_Y' enter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import sympy as sp
+from sympy import Expr, Matrix, Symbol
+
+from maglev_design.symbolic import plant as p
+from maglev_design.symbolic.laws import (
+    ControlLaw,
+    Method,
+    discretise,
+    gain_symbols,
+    match_coefficients,
+    pole_pairs_polynomial,
+    tan_gpi,
+)
+
+first_part = Symbol("T_1", nonnegative=True)
+"""[s] Part of a period for which the voltage of an earlier sample still acts."""
+
+
+def believed(expression: Expr) -> Expr:
+    """Return `expression` with the controller's C_U^ and C_Y^ for C_U and C_Y."""
+    return expression.subs({p.C_U: p.C_U_hat, p.C_Y: p.C_Y_hat})
+
+
+def closed_loop_polynomial(law: ControlLaw | None = None) -> tuple[Expr, ...]:
+    """Return the coefficients (highest first) of the continuous loop's polynomial in s.
+
+    The plant e'' = C_Y' e - C_U' (u - u*) with u - u* = H(s) e, H the core of the law:
+
+        den(H) (s^2 - C_Y') + rho C_U^ num(H) = 0.
+
+    In rho, C_Y', C_Y^ and the gains; C_U^ cancels.
+    """
+    law = law or tan_gpi()
+    numerator, denominator = _monic(believed(law.core.transfer(p.s)), p.s)
+    characteristic = sp.expand(denominator * (p.s**2 - p.C_Y_true) + p.rho * p.C_U_hat * numerator)
+    return tuple(sp.factor(c) for c in sp.Poly(characteristic, p.s).all_coeffs())
+
+
+def routh_hurwitz(coefficients: Sequence[Expr]) -> tuple[Expr, ...]:
+    """Return expressions that are all positive iff the polynomial has all roots left of 0.
+
+    The first column of the Routh array without fractions: each row is the array's row times the
+    Hurwitz determinant above it, so every entry is a polynomial in the coefficients and the
+    divisions that occur are exact.
+
+    Parameters
+    ----------
+    coefficients : sequence of Expr
+        a_n, ..., a_0, highest power first; a_n is taken to be positive.
+
+    Returns
+    -------
+    tuple of Expr
+        n conditions: a_{n-1} and the Hurwitz determinants of order 2 to n.
+
+    Examples
+    --------
+    >>> a, b, c = sp.symbols("a b c")
+    >>> routh_hurwitz([sp.Integer(1), a, b, c])
+    (a, a*b - c, c*(a*b - c))
+    """
+    upper = [sp.sympify(c) for c in coefficients[0::2]]
+    lower = [sp.sympify(c) for c in coefficients[1::2]]
+    conditions, divisors = [lower[0]], [sp.Integer(1), sp.Integer(1)]
+    for _ in range(len(coefficients) - 2):
+        padded = [*lower, *([sp.Integer(0)] * (len(upper) - len(lower)))]
+        following = [
+            sp.cancel((lower[0] * upper[j + 1] - upper[0] * padded[j + 1]) / divisors[-2])
+            for j in range(len(upper) - 1)
+        ]
+        divisors.append(lower[0])
+        upper, lower = lower, following
+        conditions.append(lower[0])
+    return tuple(sp.factor(condition) for condition in conditions)
+
+
+def stability_condition() -> Expr:
+    """Return rho (omega_n^2 + C_Y^) - C_Y' - omega_n^2/(4 zeta^2 + 1) for the gains (25).
+
+    The loop is stable iff it is positive: of the Routh-Hurwitz conditions with a double pole
+    pair it is the one that the others follow from (tested against the roots).
+    """
+    pair = (p.zeta, p.omega_n)
+    gains = match_coefficients(pole_pairs_polynomial([pair, pair]), 4)
+    designed = dict(zip(gain_symbols(4), gains, strict=True))
+    determinant = routh_hurwitz([c.subs(designed) for c in closed_loop_polynomial()])[2]
+    factors = sp.factor_list(sp.factor(determinant))[1]
+    (condition,) = [factor for factor, _ in factors if factor.has(p.C_Y_true)]
+    terms = sp.Poly(condition, p.rho, p.C_Y_true).terms()
+    scale = -sp.Poly(condition, p.C_Y_true).coeff_monomial(p.C_Y_true)
+    return sp.Add(
+        *[
+            sp.apart(sp.cancel(c / scale), p.omega_n) * p.rho**m * p.C_Y_true**n
+            for (m, n), c in terms
+        ]
+    )
+
+
+@dataclass(frozen=True)
+class PulseTransfer:
+    """A rational function of z, numerator and denominator coefficients highest power first."""
+
+    numerator: tuple[Expr, ...]
+    denominator: tuple[Expr, ...]
+
+
+def sampled_plant() -> PulseTransfer:
+    """Return the linearised plant seen through zero-order hold and a delay of T_1 <= T.
+
+    From the voltage u_k computed at t_k = k T, applied from t_k + T_1 on, to y(t_k); exact:
+
+        A = exp(F T),  x_{k+1} = A x_k + B_0 u_k + B_1 u_{k-1},
+
+    F = [[0, 1], [C_Y', 0]]. Divided by -C_U'; whole periods of delay are further factors 1/z.
+    The hyperbolic differences are written as products, exact for short periods, too.
+    """
+    a = sp.sqrt(p.C_Y_true)
+    held = p.T - first_part
+
+    def lifted(x: Expr) -> Expr:  # cosh(x) - 1 without cancellation
+        return 2 * sp.sinh(x / 2) ** 2
+
+    fresh = Matrix([lifted(a * held) / a**2, sp.sinh(a * held) / a])
+    middle = a * (p.T - first_part / 2)
+    half = sp.sinh(a * first_part / 2)
+    stale = Matrix([2 * sp.sinh(middle) * half / a**2, 2 * sp.cosh(middle) * half / a])
+    cosh, sinh = 1 + lifted(a * p.T), sp.sinh(a * p.T)
+    inputs = [fresh, stale]
+    # first row of adj(zI - A), applied to (B_0 z + B_1): z (z - cosh) b_y + z (sinh/a) b_v ...
+    numerator = (
+        inputs[0][0],
+        inputs[0][1] * sinh / a - cosh * inputs[0][0] + inputs[1][0],
+        inputs[1][1] * sinh / a - cosh * inputs[1][0],
+    )
+    return PulseTransfer(numerator, (sp.Integer(1), -2 * cosh, sp.Integer(1), sp.Integer(0)))
+
+
+def sampled_law(law: ControlLaw, method: Method) -> PulseTransfer:
+    """Return the law's core as a pulse transfer function from e to w [V/m]."""
+    numerator, denominator = _monic(believed(discretise(law.core, method).transfer(p.z)), p.z)
+    degree = sp.Poly(denominator, p.z).degree()
+    return PulseTransfer(
+        _padded(numerator, degree),
+        tuple(sp.factor(c) for c in sp.Poly(denominator, p.z).all_coeffs()),
+    )
+
+
+def _padded(numerator: Expr, degree: int) -> tuple[Expr, ...]:
+    polynomial = sp.Poly(numerator, p.z)
+    return tuple(sp.factor(polynomial.coeff_monomial(p.z**n)) for n in range(degree, -1, -1))
+
+
+def _monic(transfer: Expr, variable: Symbol) -> tuple[Expr, Expr]:
+    """Return numerator and denominator with the denominator's leading coefficient one."""
+    numerator, denominator = sp.fraction(sp.together(transfer))
+    leading = sp.Poly(sp.expand(denominator), variable).LC()
+    return sp.expand(sp.cancel(numerator / leading)), sp.expand(sp.cancel(denominator / leading))
