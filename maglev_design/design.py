@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from maglev_design.choices import Equilibrium, Method
 from maglev_design.errors import InputError
 from maglev_design.lowering import Program, lower
-from maglev_design.parameters import Equilibrium, Method, Rig
+from maglev_design.parameters import Rig
 from maglev_design.symbolic import laws, reference, stability
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.flatness import flat_model
@@ -90,6 +92,39 @@ class Design:
     believed: Believed
     Y: float
     coefficients: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Timing:
+    """When the voltage of which sample acts.
+
+    Attributes
+    ----------
+    whole : int
+        Whole periods of delay n.
+    part : float
+        What is left of the delay, T_1 in [0, T) [s].
+    held : int
+        How many earlier voltages the loop has to remember.
+    """
+
+    whole: int
+    part: float
+    held: int
+
+
+def timing(period: float, delay: float) -> Timing:
+    """Return delay = n T + T_1, with the decimals of both taken as exact.
+
+    Examples
+    --------
+    >>> timing(0.001, 0.003)
+    Timing(whole=3, part=0.0, held=3)
+    """
+    exact, step = Fraction(repr(float(delay))), Fraction(repr(float(period)))
+    whole = exact // step
+    part = float(exact - whole * step)
+    return Timing(int(whole), part, int(whole) + (1 if part > 0 else 0))
 
 
 @cache

@@ -7,22 +7,18 @@ computed by :mod:`maglev_design.design` from the symbolic layer.
 from __future__ import annotations
 
 import math
+import reprlib
 import tomllib
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
+from maglev_design.choices import Method
 from maglev_design.errors import InputError, nearest
-
-Method = Literal["tustin", "euler", "zoh"]
-Equilibrium = Literal["model", "appendix-a", "measured"]
-METHODS: tuple[Method, ...] = ("tustin", "euler", "zoh")
-EQUILIBRIA: tuple[Equilibrium, ...] = ("model", "appendix-a", "measured")
-DEFAULT_PRESET = "belmonte2021"
 
 LONGEST_GAP = 0.5
 """[m] No laboratory rig levitates across half a metre: beyond it, millimetres were meant."""
@@ -34,6 +30,8 @@ MOST_SAMPLES = 1_000_000
 """Samples in one closed loop, so that a period typed in microseconds cannot fill the memory."""
 LARGEST_RIG_FILE = 1_000_000
 """[bytes] A rig is a page of text."""
+LARGEST_SHOWN = 10**30
+"""Larger integers are described in a message, not printed."""
 
 
 def _quantity(unit: str, text: str, **limits: Any) -> Any:
@@ -271,18 +269,29 @@ def load_rig(source: str | Path) -> Rig:
     0.02
     """
     path = Path(source)
-    is_path = isinstance(source, Path) or path.suffix == ".toml" or path.exists()
+    is_path = isinstance(source, Path) or path.suffix == ".toml" or _exists(path)
     if str(source) in preset_names() or not is_path:
         return parse_rig(preset_text(str(source)), str(source))
     try:
-        if path.stat().st_size > LARGEST_RIG_FILE:
+        with path.open("rb") as file:
+            content = file.read(LARGEST_RIG_FILE + 1)
+        if len(content) > LARGEST_RIG_FILE:
             raise InputError(f"{path}: larger than {LARGEST_RIG_FILE} bytes, not a rig file")
-        text = path.read_bytes().decode("utf-8")
+        text = content.decode("utf-8-sig")
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not a text file in UTF-8") from error
+    except ValueError as error:
+        raise InputError(f"{str(path)!r}: not a file name ({error})") from error
     return parse_rig(text, str(path))
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except (OSError, ValueError):  # too long, or characters that no file name has
+        return False
 
 
 def parse_rig(text: str, origin: str) -> Rig:
@@ -293,6 +302,8 @@ def parse_rig(text: str, origin: str) -> Rig:
         raise InputError(f"{origin}: not valid TOML: {error}") from error
     except RecursionError as error:
         raise InputError(f"{origin}: not valid TOML: nested too deeply") from error
+    except ValueError as error:  # an integer of thousands of digits
+        raise InputError(f"{origin}: not valid TOML: {error}") from error
     return make_rig(data, origin)
 
 
@@ -301,12 +312,16 @@ def make_rig(data: dict[str, Any], origin: str = "rig") -> Rig:
     try:
         return Rig.model_validate(data)
     except ValidationError as error:
-        raise InputError(
-            "\n".join(f"{origin}: {_sentence(detail)}" for detail in error.errors())
-        ) from error
+        given = data if isinstance(data, dict) else {}
+        details = [
+            detail
+            for detail in error.errors()
+            if detail["loc"][:1] not in (("initial",), ("reference",)) or detail["loc"][0] in given
+        ]
+        raise InputError("\n".join(f"{origin}: {_sentence(d)}" for d in details)) from error
 
 
-def _sentence(detail: ErrorDetails) -> str:
+def _sentence(detail: ErrorDetails) -> str:  # noqa: PLR0911 - one case a kind of fault
     """Return one fault of a rig file as a sentence: field, value, unit, what is allowed."""
     location = [str(part) for part in detail["loc"]]
     section = ".".join(location[:-1])
@@ -314,31 +329,57 @@ def _sentence(detail: ErrorDetails) -> str:
     kind, value, context = detail["type"], detail["input"], detail.get("ctx", {})
     if kind == "rig":
         inside = ".".join([*location, context["field"]])
-        return f"{inside} = {context['value']!r}: {context['text'].split(': ', 1)[1]}" + _hint(
+        shown = _shown(context["value"])
+        return f"{inside} = {shown}: {context['text'].split(': ', 1)[1]}" + _hint(
             inside, context["value"]
+        )
+    if not location:
+        return (
+            f"must be a table with [plant], [operating_point] and [sampling], not {_shown(value)}"
         )
     if kind == "extra_forbidden":
         known = list(_model_at(location[:-1]).model_fields)
         where = f"[{section}]" if section else "the top level"
         return (
-            f"unknown key {field!r}{nearest(location[-1], known)}; "
+            f"unknown key {_shown(field)}{nearest(location[-1][:100], known)}; "
             f"{where} takes: {', '.join(known)}"
         )
+    if kind == "invalid_key":
+        return f"key {_shown(value)}: keys must be text"
+    if location[0] == "limits" and kind in ("missing", "too_long", "tuple_type") and location[1:]:
+        pair = location[:2]
+        shown = _shown(value)
+        return f"{'.'.join(pair)} = {shown}: must be two numbers, [lower, upper]{_unit_of(pair)}"
     if kind == "missing":
-        if location[-1] == "initial" or location[-1] == "reference":
-            return "operating_point.gap: required to know where the ball starts"
-        return f"{field}: required and missing{_unit_of(location, ', ')}"
+        return f"{field}: required and missing{_unit_of(location)}"
     if kind in ("model_type", "dict_type"):
-        return f"{field} = {value!r}: must be a table, written [{field}]"
+        return f"{field} = {_shown(value)}: must be a table, written [{field}]"
     allowed = detail["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
     if kind == "finite_number":
         allowed = "a finite number"
-    return f"{field} = {value!r}: must be {allowed}{_unit_of(location, ' ')}" + _hint(field, value)
+    return f"{field} = {_shown(value)}: must be {allowed}{_unit_of(location)}" + _hint(field, value)
+
+
+class _Short(reprlib.Repr):
+    """A value as written, cut where it would fill the screen or the stack."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxstring = self.maxother = 60
+
+    def repr_int(self, x: int, level: int) -> str:  # noqa: ARG002 - reprlib's signature
+        return repr(x) if abs(x) < LARGEST_SHOWN else f"an integer of {x.bit_length()} bits"
+
+
+def _shown(value: Any) -> str:
+    return _Short().repr(value)
 
 
 def _hint(field: str, value: Any) -> str:
     """Say so when a gap or a time was plainly typed in thousandths."""
-    if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return ""
+    if not abs(value) < LARGEST_SHOWN:
         return ""
     metres = field.endswith(("gap", "gap_offset"))
     if metres and value > LONGEST_GAP:
@@ -357,11 +398,11 @@ def _model_at(location: list[str]) -> type[BaseModel]:
     return model
 
 
-def _unit_of(location: list[str], before: str) -> str:
+def _unit_of(location: list[str]) -> str:
     """Return the documented meaning and unit of a field, or nothing for a section."""
     names = [part for part in location if not part.isdigit()]
     info = _model_at(names[:-1]).model_fields.get(names[-1]) if names else None
-    return f"{before}({info.description})" if info is not None and info.description else ""
+    return f" ({info.description})" if info is not None and info.description else ""
 
 
 def fields(model: type[BaseModel] = Rig, prefix: str = "") -> Iterator[tuple[str, str, str]]:

@@ -4,7 +4,7 @@
 an integrator that shares nothing with the first.
 """
 
-from maglev_design.simulate.graph import LoopGraph, build, timing
+from maglev_design.simulate.graph import LoopGraph, build
 from maglev_design.simulate.independent import resimulate
 from maglev_design.simulate.response import (
     Crash,
@@ -31,5 +31,4 @@ __all__ = [
     "pole_tangent",
     "resimulate",
     "simulate",
-    "timing",
 ]

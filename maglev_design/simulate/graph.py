@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from sympy import Symbol
 
 from maglev_design import design as designs
+from maglev_design.choices import Method
 from maglev_design.lowering import Program, lower
-from maglev_design.parameters import Method, Rig
+from maglev_design.parameters import Rig
 from maglev_design.symbolic import laws, metrics, stability
 from maglev_design.symbolic import plant as p
 
@@ -34,39 +35,6 @@ CONTACT = 1e-3
 
 PLANT_NAMES = ("beta", "g", "y0", "gap_low", "gap_high")
 METRICS = ("ise", "iae", "itae")
-
-
-@dataclass(frozen=True)
-class Timing:
-    """When the voltage of which sample acts.
-
-    Attributes
-    ----------
-    whole : int
-        Whole periods of delay n.
-    part : float
-        What is left of the delay, T_1 in [0, T) [s].
-    held : int
-        How many earlier voltages the loop has to remember.
-    """
-
-    whole: int
-    part: float
-    held: int
-
-
-def timing(period: float, delay: float) -> Timing:
-    """Return delay = n T + T_1, with the decimals of both taken as exact.
-
-    Examples
-    --------
-    >>> timing(0.001, 0.003)
-    Timing(whole=3, part=0.0, held=3)
-    """
-    exact, step = Fraction(repr(float(delay))), Fraction(repr(float(period)))
-    whole = exact // step
-    part = float(exact - whole * step)
-    return Timing(int(whole), part, int(whole) + (1 if part > 0 else 0))
 
 
 @dataclass(frozen=True)
@@ -215,7 +183,7 @@ def build(
         [1/s] Fastest rate of the continuous controller; the plant's own is always respected.
     """
     period = rig.sampling.period
-    when = timing(period, rig.sampling.delay) if method else Timing(0, 0.0, 0)
+    when = designs.timing(period, rig.sampling.delay) if method else designs.Timing(0, 0.0, 0)
     smallest = min(float(g) for g in designs.path_gaps(rig, 2)) + rig.plant.gap_offset
     rate = max(math.sqrt(4 * rig.plant.gravity / smallest), fastest)
 
@@ -302,7 +270,7 @@ def _nodes(starts: Array, durations: Array, halves: bool) -> Array:
 
 
 def _step(
-    method: Method | None, when: Timing, pieces: tuple[int, int]
+    method: Method | None, when: designs.Timing, pieces: tuple[int, int]
 ) -> tuple[ca.Function, tuple[str, ...], tuple[str, ...]]:
     """Return one period (state, parameters, inputs, noise) -> (state, voltages)."""
     law = designs.law()

@@ -17,7 +17,7 @@ from scipy.integrate import ode
 
 from maglev_design import design as designs
 from maglev_design.parameters import Rig
-from maglev_design.simulate.graph import acceleration_program, contact_gap, step_program, timing
+from maglev_design.simulate.graph import acceleration_program, contact_gap, step_program
 from maglev_design.simulate.response import Array, Scenario, noise_samples
 
 RELATIVE_TOLERANCE = 1e-9
@@ -41,7 +41,7 @@ class Check:
 
 def resimulate(rig: Rig, design: designs.Design, scenario: Scenario) -> Check:
     """Return the metrics of one sampled closed loop, integrated independently."""
-    when = timing(rig.sampling.period, rig.sampling.delay)
+    when = designs.timing(rig.sampling.period, rig.sampling.delay)
     step = step_program(design.method)
     run_step = step.scalar()
     low, high = rig.limits.voltage

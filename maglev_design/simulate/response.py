@@ -12,8 +12,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from maglev_design.choices import Method
 from maglev_design.design import Design, coefficients_program, gains_program, reference_path
-from maglev_design.parameters import Method, Rig
+from maglev_design.parameters import Rig
 from maglev_design.simulate import graph as graphs
 from maglev_design.simulate.noise import INPUT_CHANNEL, POSITION_CHANNEL, standard_normals
 

@@ -9,14 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import sympy as sp
 from sympy import Expr, Matrix, Symbol
 
+from maglev_design.choices import Method
 from maglev_design.symbolic import plant as p
-
-Method = Literal["tustin", "euler", "zoh"]
 
 w = Symbol("w", real=True)
 """[V] Output of a law's linear core: the voltage on top of the feedforward."""

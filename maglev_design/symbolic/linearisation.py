@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import sympy as sp
 from sympy import Expr, Matrix, Symbol
 
+from maglev_design.choices import Equilibrium
 from maglev_design.symbolic import plant as p
 
 
@@ -79,7 +79,7 @@ def taylor_residual(plant: p.Plant, linearisation: Linearisation) -> Expr:
 def believed_coefficients(
     plant: p.Plant,
     linearisation: Linearisation,
-    reading: Literal["model", "appendix-a", "measured"],
+    reading: Equilibrium,
 ) -> tuple[Expr, Expr, Expr]:
     """Return (U, C_U, C_Y) that a controller uses, for one of the three equilibrium readings.
 

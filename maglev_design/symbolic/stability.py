@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import sympy as sp
 from sympy import Expr, Matrix, Symbol
 
+from maglev_design.choices import Method
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.laws import (
     ControlLaw,
-    Method,
     discretise,
     gain_symbols,
     match_coefficients,

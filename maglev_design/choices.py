@@ -1,0 +1,14 @@
+"""The words that a user may choose from, each list stated once and cheap to import."""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+Method = Literal["tustin", "euler", "zoh"]
+Equilibrium = Literal["model", "appendix-a", "measured"]
+Objective = Literal["itae", "iae", "ise"]
+Scenarios = Literal["nominal", "robust"]
+
+METHODS: tuple[Method, ...] = get_args(Method)
+EQUILIBRIA: tuple[Equilibrium, ...] = get_args(Equilibrium)
+DEFAULT_PRESET = "belmonte2021"

@@ -1,0 +1,250 @@
+"""The command line: parse, call, print, exit code; no mathematics.
+
+Only typer is imported here; what a command needs is imported when it runs, so that asking for help
+costs nothing.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from maglev_design import __version__
+from maglev_design.choices import DEFAULT_PRESET, Equilibrium, Method, Objective, Scenarios
+from maglev_design.errors import MaglevError
+
+app = typer.Typer(
+    name="maglev-design",
+    help="From a magnetic-levitation rig's equations to a controller that runs on it.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+presets_app = typer.Typer(
+    help="List the rigs that come with the program, or print one to start from.",
+    invoke_without_command=True,
+    rich_markup_mode=None,
+)
+app.add_typer(presets_app, name="presets")
+
+
+RigOption = Annotated[
+    str, typer.Option("--rig", help="A rig file (FILE.toml) or the name of a preset.")
+]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print one JSON document and nothing else on stdout.")
+]
+EquilibriumOption = Annotated[
+    Equilibrium, typer.Option(help="How the controller learns U, C_U and C_Y.")
+]
+SeedOption = Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of the noise stream.")]
+ForceOption = Annotated[
+    bool, typer.Option("--force", help="Write into a folder that this program did not make.")
+]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"maglev-design {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _main(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+@presets_app.callback()
+def presets(context: typer.Context, json: JsonOption = False) -> None:
+    """List the rigs that come with the program."""
+    if context.invoked_subcommand is None:
+        from maglev_design.cli.verbs import list_presets  # noqa: PLC0415
+
+        list_presets(as_json=json)
+
+
+@presets_app.command("show")
+def presets_show(name: Annotated[str, typer.Argument(help="Name of a preset.")]) -> None:
+    """Print the TOML of a preset, with its sources, to start a rig file of your own."""
+    from maglev_design.parameters import preset_text  # noqa: PLC0415
+
+    typer.echo(preset_text(name), nl=False)
+
+
+@app.command()
+def derive(
+    form: Annotated[
+        Literal["text", "markdown", "latex"], typer.Option("--format", help="How to write it.")
+    ] = "text",
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Write to this file, not to stdout.")
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Print the whole derivation, every equation with its machine-checked residual."""
+    from maglev_design.cli.verbs import print_derivation  # noqa: PLC0415
+
+    print_derivation(form, output, as_json=json)
+
+
+@app.command()
+def simulate(
+    rig: RigOption = DEFAULT_PRESET,
+    design: Annotated[
+        Path | None, typer.Option(help="A saved design.json; its rig and controller are used.")
+    ] = None,
+    test: Annotated[
+        Literal["nominal", "noise", "mismatch"],
+        typer.Option(help="nominal; noise; or noise with beta_c = 1.15 beta."),
+    ] = "nominal",
+    zeta: Annotated[float | None, typer.Option(help="Damping of the poles [-].")] = None,
+    omega_n: Annotated[float | None, typer.Option(help="Frequency of the poles [rad/s].")] = None,
+    equilibrium: Annotated[
+        Equilibrium | None, typer.Option(help="How the controller learns U, C_U and C_Y.")
+    ] = None,
+    method: Annotated[Method | None, typer.Option(help="Discretisation of the law.")] = None,
+    sample_time: Annotated[
+        float | None, typer.Option(help="Sampling period [s]; 0 is a continuous controller.")
+    ] = None,
+    beta_ratio: Annotated[float | None, typer.Option(help="beta_c/beta [-].")] = None,
+    noise: Annotated[
+        bool | None, typer.Option("--noise/--no-noise", help="Whether the rig's noise acts.")
+    ] = None,
+    initial_error: Annotated[
+        float | None, typer.Option(help="y(0) - y*(0) [m] instead of the rig's.")
+    ] = None,
+    initial_velocity: Annotated[
+        float | None, typer.Option(help="y'(0) [m/s] instead of the rig's.")
+    ] = None,
+    seed: SeedOption = 0,
+    csv: Annotated[Path | None, typer.Option(help="Write the response to this file.")] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Draw the response into this .png, .svg or .pdf.")
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Simulate one closed loop on the nonlinear plant and print its figures."""
+    from maglev_design.cli import simulate_verb  # noqa: PLC0415
+
+    simulate_verb.simulate(
+        simulate_verb.Request(
+            rig=rig,
+            design=design,
+            test=test,
+            zeta=zeta,
+            omega_n=omega_n,
+            equilibrium=equilibrium,
+            method=method,
+            sample_time=sample_time,
+            beta_ratio=beta_ratio,
+            noise=noise,
+            initial_error=initial_error,
+            initial_velocity=initial_velocity,
+            seed=seed,
+        ),
+        csv,
+        plot,
+        as_json=json,
+    )
+
+
+@app.command()
+def tune(
+    rig: RigOption = DEFAULT_PRESET,
+    objective: Annotated[Objective, typer.Option(help="What to minimise.")] = "itae",
+    equilibrium: EquilibriumOption = "model",
+    method: Annotated[
+        Literal[Method, "auto"] | None,
+        typer.Option(help="Discretisation; auto tunes all and keeps the best."),
+    ] = None,
+    beta_error: Annotated[
+        float | None, typer.Option(help="u: worst case over beta_c/beta in [1-u, 1+u].")
+    ] = None,
+    allow_saturation: Annotated[
+        bool, typer.Option("--allow-saturation", help="Let the command leave the voltage range.")
+    ] = False,
+    max_ms: Annotated[float, typer.Option(help="Largest |S| of the sampled loop [-].")] = 2.0,
+    max_noise_voltage: Annotated[
+        float | None,
+        typer.Option(help="Voltage made by sensor noise [V]; default 5 % of the range."),
+    ] = None,
+    scenarios: Annotated[
+        Scenarios, typer.Option(help="robust adds noise and both signs of the initial error.")
+    ] = "nominal",
+    poles: Annotated[
+        Literal["double", "distinct"],
+        typer.Option(help="One double pair as in the paper, or two different pairs."),
+    ] = "double",
+    zeta_bounds: Annotated[
+        tuple[float, float] | None, typer.Option(help="Search bounds of zeta [-].")
+    ] = None,
+    omega_bounds: Annotated[
+        tuple[float, float] | None, typer.Option(help="Search bounds of omega_n [rad/s].")
+    ] = None,
+    seed: SeedOption = 0,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder for design.json and the plots.")
+    ] = None,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Find the pole placement with the smallest worst-case error that the limits allow."""
+    from maglev_design.cli import tune_verb  # noqa: PLC0415
+
+    tune_verb.tune(
+        tune_verb.Request(
+            rig=rig,
+            objective=objective,
+            equilibrium=equilibrium,
+            method=method,
+            beta_error=beta_error,
+            allow_saturation=allow_saturation,
+            max_ms=max_ms,
+            max_noise_voltage=max_noise_voltage,
+            scenarios=scenarios,
+            distinct=poles == "distinct",
+            zeta_bounds=zeta_bounds,
+            omega_bounds=omega_bounds,
+            seed=seed,
+        ),
+        output,
+        force=force,
+        as_json=json,
+    )
+
+
+def main() -> None:
+    """Run the command line; end with the exit code of the contract, never with a traceback."""
+    try:
+        app()
+    except MaglevError as error:
+        _complain(str(error))
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        _complain("interrupted")
+        sys.exit(130)
+    except BrokenPipeError:
+        # Whoever read our output has gone; leave nothing for the interpreter to flush.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+    except Exception as error:  # noqa: BLE001 - the last line of defence: one sentence, exit 1
+        place = error.__traceback__
+        while place is not None and place.tb_next is not None:
+            place = place.tb_next
+        where = place.tb_frame.f_code.co_qualname if place is not None else "?"
+        _complain(f"internal error in {where}: {type(error).__name__}: {error}")
+        sys.exit(1)
+
+
+def _complain(text: str) -> None:
+    for line in text.splitlines() or [""]:
+        typer.echo(f"maglev-design: {line}", err=True)

@@ -1,0 +1,73 @@
+"""How results reach a person or a program: tables, JSON, a progress bar."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+SCHEMA_VERSION = 1
+
+Progress = Callable[[str, float], None]
+
+
+def print_json(document: dict[str, Any]) -> None:
+    """Print one JSON document, the schema version first, infinities as null."""
+    from maglev_design.record import finite  # noqa: PLC0415 - not for verbs that print tables
+
+    text = json.dumps(finite({"schema_version": SCHEMA_VERSION} | document), indent=2)
+    sys.stdout.write(text + "\n")
+
+
+def say(text: str) -> None:
+    """Print prose for a person, to stderr, so that stdout stays what was asked for."""
+    sys.stderr.write(text + "\n")
+
+
+def warn(text: str) -> None:
+    """Print one warning to stderr."""
+    say(f"warning: {text}")
+
+
+def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print an aligned table to stdout; columns after the first are numbers and stand right."""
+    from rich.console import Console  # noqa: PLC0415 - only when a table is drawn
+    from rich.table import Table  # noqa: PLC0415
+    from rich.text import Text  # noqa: PLC0415
+
+    drawn = Table(title=Text(title), title_justify="left", box=None, pad_edge=False)
+    for position, name in enumerate(header):
+        drawn.add_column(Text(name), justify="right" if position else "left", no_wrap=position > 0)
+    for row in rows:
+        drawn.add_row(*[Text(cell) for cell in row])
+    Console(highlight=False, soft_wrap=False, width=_width()).print(drawn)
+    sys.stdout.write("\n")
+
+
+def _width() -> int | None:
+    """Return the width for output that does not go to a terminal; None asks the terminal."""
+    return None if sys.stdout.isatty() else 100
+
+
+@contextmanager
+def progress_bar() -> Iterator[Progress]:
+    """Show a progress bar on stderr when that is a terminal."""
+    if not sys.stderr.isatty():
+        yield lambda _stage, _done: None
+        return
+    from rich.console import Console  # noqa: PLC0415 - only when a bar is drawn
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn  # noqa: PLC0415
+
+    columns = (TextColumn("{task.description:<24}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("starting", total=1.0)
+        yield lambda stage, done: bar.update(task, description=stage, completed=done)
+
+
+def number(value: float | None, unit: str = "", digits: int = 4) -> str:
+    """Return a number as people write it: ``9.934e-06 m s^2``, ``5 V``, ``none``."""
+    if value is None:
+        return "none"
+    return f"{value:.{digits}g} {unit}".rstrip()

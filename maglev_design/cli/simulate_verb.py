@@ -1,0 +1,185 @@
+"""``simulate``."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from maglev_design.choices import Equilibrium, Method
+from maglev_design.cli.output import number, print_json, say, table, warn
+from maglev_design.design import (
+    PAPER_POLES,
+    Design,
+    PoleSpec,
+    check_path_voltage,
+    make_design,
+    plant_beta,
+)
+from maglev_design.errors import InputError
+from maglev_design.files import write_bytes
+from maglev_design.parameters import Rig, load_rig, make_rig
+from maglev_design.record import load
+from maglev_design.simulate import Response, Scenario, error_bounds
+
+MISMATCH = 1.15
+"""beta_c/beta of the paper's test 3, sec. 4.3."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What was asked for on the command line; None where nothing was said."""
+
+    rig: str
+    design: Path | None
+    test: str
+    zeta: float | None
+    omega_n: float | None
+    equilibrium: Equilibrium | None
+    method: Method | None
+    sample_time: float | None
+    beta_ratio: float | None
+    noise: bool | None
+    initial_error: float | None
+    initial_velocity: float | None
+    seed: int
+
+
+def simulate(request: Request, csv: Path | None, plot: Path | None, *, as_json: bool) -> None:
+    """Run the loop, print its figures, write what was asked for."""
+    rig, design, scenario, ratio, continuous = _set_up(request)
+    response, bounds = error_bounds(rig, design, scenario, continuous=continuous)
+    if csv is not None:
+        write_bytes(csv, _csv(response).encode())
+    if plot is not None:
+        _plot(response, f"{rig.name}, ratio {ratio:g}", plot)
+    metrics = response.metrics
+    if as_json:
+        print_json(
+            metrics.as_dict()
+            | {
+                "poles": [list(design.poles.first), list(design.poles.second)],
+                "equilibrium": design.equilibrium,
+                "method": None if continuous else design.method,
+                "sample_time": 0.0 if continuous else rig.sampling.period,
+                "ratio": ratio,
+                "noise": scenario.noise,
+                "seed": request.seed,
+                "relative_error_bounds": bounds,
+            }
+        )
+        return
+    _print(rig, response, bounds)
+    if metrics.crash is not None:
+        end = "hit the magnet" if metrics.crash.where == "magnet" else "dropped"
+        warn(f"the ball {end} at t = {metrics.crash.time:.4g} s; the metrics count it lying there")
+    for path in (csv, plot):
+        if path is not None:
+            say(f"written: {path}")
+
+
+def _set_up(request: Request) -> tuple[Rig, Design, Scenario, float, bool]:
+    record = load(request.design) if request.design else None
+    rig = record.rig if record else load_rig(request.rig)
+    continuous = request.sample_time == 0
+    if request.sample_time is not None and not continuous:
+        rig = _with_period(rig, request.sample_time)
+    check_path_voltage(rig)
+    ratio = request.beta_ratio
+    if ratio is None:
+        ratio = MISMATCH if request.test == "mismatch" else 1.0
+    if not (math.isfinite(ratio) and ratio > 0):
+        raise InputError(f"beta-ratio = {ratio!r}: must be a finite number greater than 0 [-]")
+    own = plant_beta(rig)
+    beta_c, beta_plant = (own, own / ratio) if record else (own * ratio, own)
+    poles = record.design.poles if record else PoleSpec.double(*PAPER_POLES)
+    if request.zeta is not None or request.omega_n is not None:
+        zeta, omega_n = poles.first
+        poles = PoleSpec.double(
+            zeta if request.zeta is None else request.zeta,
+            omega_n if request.omega_n is None else request.omega_n,
+        )
+    design = make_design(
+        rig,
+        poles,
+        equilibrium=request.equilibrium or (record.design.equilibrium if record else "model"),
+        method=request.method or (record.design.method if record else rig.sampling.method),
+        beta_c=beta_c,
+        beta_plant=beta_plant,
+    )
+    scenario = Scenario(
+        beta_plant,
+        rig.initial.gap,
+        rig.initial.velocity,
+        noise=request.test != "nominal" if request.noise is None else request.noise,
+        seed=request.seed,
+    )
+    return rig, design, _started(rig, scenario, request), ratio, continuous
+
+
+def _with_period(rig: Rig, period: float) -> Rig:
+    data = rig.model_dump(exclude_none=True)
+    data["sampling"]["period"] = period
+    return make_rig(data, "--sample-time")
+
+
+def _started(rig: Rig, scenario: Scenario, request: Request) -> Scenario:
+    """Return the scenario with the start that was asked for, checked against the gap limits."""
+    if request.initial_error is not None:
+        gap = rig.reference.start_gap + request.initial_error
+        low, high = rig.limits.gap
+        if not low < gap < high:
+            raise InputError(
+                f"initial-error = {request.initial_error!r} m: the ball would start at {gap:.4g} m;"
+                f" allowed is a start inside limits.gap, {low:g} m to {high:g} m"
+            )
+        scenario = replace(scenario, initial_gap=gap)
+    if request.initial_velocity is not None:
+        if not math.isfinite(request.initial_velocity):
+            raise InputError(f"initial-velocity = {request.initial_velocity!r}: must be finite")
+        scenario = replace(scenario, initial_velocity=request.initial_velocity)
+    return scenario
+
+
+def _print(rig: Rig, response: Response, bounds: dict[str, float]) -> None:
+    metrics = response.metrics
+    rows: list[tuple[str, str]] = [
+        ("ISE", number(metrics.ise, "m² s", 6)),
+        ("IAE", number(metrics.iae, "m s", 6)),
+        ("ITAE", number(metrics.itae, "m s²", 6)),
+        *[(f"  of it {k}", number(v, "m s²", 6)) for k, v in metrics.itae_split.items()],
+        ("largest relative error of these", number(max(bounds.values()), "", 2)),
+        ("largest commanded voltage", number(metrics.peak_voltage, "V")),
+        ("smallest commanded voltage", number(metrics.min_voltage, "V")),
+        ("largest applied voltage", number(metrics.peak_applied, "V")),
+        ("smallest gap", number(1e3 * metrics.min_gap, "mm")),
+        ("largest gap", number(1e3 * metrics.max_gap, "mm")),
+        ("error at the end", number(1e6 * metrics.final_error, "µm")),
+        ("ball", "levitated" if metrics.crash is None else metrics.crash.where),
+    ]
+    table(rig.name, ("figure", "value"), rows)
+
+
+def _csv(response: Response) -> str:
+    """Return the response as text; the voltages of the last row are not computed any more."""
+    lines = ["t [s],y [m],y' [m/s],y* [m],u commanded [V],u applied [V]"]
+    count = len(response.commanded)
+    for k, row in enumerate(
+        zip(response.times, response.gap, response.velocity, response.reference, strict=True)
+    ):
+        tail = (response.commanded[k], response.applied[k]) if k < count else ()
+        cells = [repr(float(value)) for value in (*row, *tail)]
+        lines.append(",".join(cells + [""] * (6 - len(cells))))
+    return "\n".join(lines) + "\n"
+
+
+def _plot(response: Response, title: str, path: Path) -> None:
+    from maglev_design.report.plots import house_style, response_figure, save_figure  # noqa: PLC0415
+
+    names = ("times", "gap", "reference", "commanded", "applied")
+    curves: dict[str, Any] = {name: np.asarray(getattr(response, name)) for name in names}
+    with house_style():
+        save_figure(response_figure(curves, title), path)

@@ -1,0 +1,290 @@
+"""``tune``."""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from maglev_design.choices import METHODS, Equilibrium, Method, Scenarios
+from maglev_design.cli.output import number, print_json, progress_bar, say, table, warn
+from maglev_design.errors import InfeasibleError
+from maglev_design.files import output_folder
+from maglev_design.parameters import Rig, load_rig
+
+INTERRUPTED, VERIFICATION_FAILED, INFEASIBLE = 130, 4, 3
+
+
+@dataclass(frozen=True)
+class Request:
+    """What was asked for on the command line; None where nothing was said."""
+
+    rig: str
+    objective: str
+    equilibrium: Equilibrium
+    method: str | None
+    beta_error: float | None
+    allow_saturation: bool
+    max_ms: float
+    max_noise_voltage: float | None
+    scenarios: Scenarios
+    distinct: bool
+    zeta_bounds: tuple[float, float] | None
+    omega_bounds: tuple[float, float] | None
+    seed: int
+
+
+def tune(request: Request, output: Path | None, *, force: bool, as_json: bool) -> None:
+    """Solve, print, save; the exit code says how it ended."""
+    from maglev_design.certify import sampled_margins  # noqa: PLC0415
+    from maglev_design.record import make_record, save  # noqa: PLC0415
+    from maglev_design.tune import Status, Unstabilisable  # noqa: PLC0415
+
+    rig = load_rig(request.rig)
+    folder = output_folder(output, force=force) if output else None
+    with progress_bar() as progress:
+        result = _solve(rig, request, progress)
+        if isinstance(result, Unstabilisable):
+            raise InfeasibleError(_hopeless(rig, result), "spectral radius")
+        progress("margins", 0.0)
+        problem = result.problem
+        margins = sampled_margins(problem.loop, result.poles.values, problem.family)
+        record = make_record(result, margins)
+        written: tuple[Path, ...] = ()
+        if folder is not None:
+            progress("figures", 0.5)
+            from maglev_design.report.plots import design_figures  # noqa: PLC0415
+
+            written = save(record, folder) + design_figures(record.curves, record.document, folder)
+    if as_json:
+        print_json(record.document)
+    else:
+        _print(record.document)
+    for path in written:
+        say(f"written: {path}")
+    for text in _warnings(rig, record.document):
+        warn(text)
+    if not as_json and folder is None:
+        say("nothing was saved; -o FOLDER keeps the design and its plots")
+    if result.status is Status.INTERRUPTED:
+        sys.exit(INTERRUPTED)
+    if result.status is Status.INFEASIBLE:
+        tightest = result.figures.tightest
+        say(
+            f"infeasible: the tightest limit is {tightest.name}, "
+            f"{number(tightest.value, tightest.unit)} where {number(tightest.limit, tightest.unit)}"
+            f" is allowed, at the poles that come closest. {result.status.value}"
+        )
+        sys.exit(INFEASIBLE)
+    if not (result.verification.passed and result.baseline_verification.passed):
+        say("verification failed: the two integrators differ by more than the tolerance")
+        sys.exit(VERIFICATION_FAILED)
+
+
+def _solve(rig: Rig, request: Request, progress: Any) -> Any:
+    from maglev_design.design import check_path_voltage  # noqa: PLC0415
+    from maglev_design.tune import build_problem, solve, solve_every_method  # noqa: PLC0415
+
+    check_path_voltage(rig)
+
+    def problem(method: Method | None) -> Any:
+        return build_problem(
+            rig,
+            objective=request.objective,
+            equilibrium=request.equilibrium,
+            method=method,
+            beta_error=request.beta_error,
+            max_ms=request.max_ms,
+            max_noise_voltage=request.max_noise_voltage,
+            allow_saturation=request.allow_saturation,
+            scenarios=request.scenarios,
+            distinct=request.distinct,
+            zeta_bounds=request.zeta_bounds,
+            omega_bounds=request.omega_bounds,
+            seed=request.seed,
+        )
+
+    if request.method == "auto":
+        return solve_every_method({name: problem(name) for name in METHODS}, progress)
+    method: Method | None = next((m for m in METHODS if m == request.method), None)
+    return solve(problem(method), progress)
+
+
+def _hopeless(rig: Rig, found: Any) -> str:
+    sampling = rig.sampling
+    remedies = [
+        f"the largest {name} that some poles stabilise is about {1e3 * value:.3g} ms"
+        for name, value in (("period", found.largest_period), ("delay", found.largest_delay))
+        if not math.isnan(value)
+    ]
+    return (
+        f"no poles in the search box stabilise the sampled loop with sampling.period = "
+        f"{1e3 * sampling.period:g} ms and sampling.delay = {1e3 * sampling.delay:g} ms "
+        "(limit: spectral radius below 1 over the gaps and ratios); "
+        + ("; ".join(remedies) if remedies else "no shorter period alone would do")
+        + " (the other as it is)"
+    )
+
+
+def _warnings(rig: Rig, document: dict[str, Any]) -> list[str]:
+    """Return what a person who reads the result must not miss."""
+    worst, found = document["worst_case"], []
+    if document["status"] in ("on_bound", "interrupted"):
+        found.append(document["message"])
+    if document["beta_error"] == 0:
+        found.append("the uncertainty of beta is 0: the worst case is the nominal one")
+    if worst["spectral_radius_one_more_sample"] >= 1:
+        found.append("with one more sample of delay the loop is unstable")
+    other = document["other_sign"]
+    low, high = rig.limits.voltage
+    if other["crashed"]:
+        found.append("with the initial error of the other sign the ball is lost")
+    elif other["min_voltage"] < low or other["peak_voltage"] > high:
+        found.append(
+            "with the initial error of the other sign the command leaves the range "
+            f"({other['min_voltage']:.3g} V to {other['peak_voltage']:.3g} V) and is clamped"
+        )
+    return found
+
+
+def _print(document: dict[str, Any]) -> None:
+    _print_design(document)
+    _print_figures(document)
+    _print_limits(document)
+    _print_alternatives(document)
+    check = document["verification"]
+    sys.stdout.write(
+        f"Verified with {check['integrator']}: the worst case agrees to "
+        f"{check['relative_difference']:.1g} (allowed {check['tolerance']:g}).\n"
+        f"{document['message']}\n"
+    )
+
+
+def _print_design(document: dict[str, Any]) -> None:
+    pairs = document["poles"]
+    double = pairs[0] == pairs[1]
+    rows = [
+        (f"zeta{'' if double else f'_{n + 1}'}, omega_n", f"{zeta:.6g}, {omega_n:.6g} rad/s")
+        for n, (zeta, omega_n) in enumerate(pairs[:1] if double else pairs)
+    ]
+    units = {"k0": "1/s⁴", "k1": "1/s³", "k2": "1/s²", "k3": "1/s"}
+    rows += [(name, number(value, units[name], 8)) for name, value in document["gains"].items()]
+    rows += [
+        ("discretisation", document["method"]),
+        ("equilibrium reading", document["equilibrium"]),
+    ]
+    table(document["rig"]["name"], ("design", "value"), rows)
+
+
+def _print_figures(document: dict[str, Any]) -> None:
+    base, units = document["baseline"], {"itae": "m s²", "iae": "m s", "ise": "m² s"}
+    columns = (document["worst_case"], base["worst_case"], document["nominal"])
+
+    def row(label: str, key: str, unit: str, scale: float = 1.0) -> tuple[str, ...]:
+        cells = [
+            number(scale * column[key], unit) if column.get(key) is not None else "-"
+            for column in columns
+        ]
+        return (label, *cells)
+
+    rows = [row(key.upper(), key, unit) for key, unit in units.items()]
+    rows += [
+        (f"  ITAE, {part}", *[number(c["itae_split"][part], units["itae"]) for c in columns])
+        for part in ("start", "move", "hold")
+    ]
+    rows += [
+        row("largest commanded voltage", "peak_voltage", "V"),
+        row("smallest commanded voltage", "min_voltage", "V"),
+        row("Ms", "ms", ""),
+        row("Ms, one more sample", "ms_one_more_sample", ""),
+        row("voltage from sensor noise", "noise_voltage", "V"),
+        row("at beta_c/beta", "ratio", ""),
+    ]
+    u = document["beta_error"]
+    header = (
+        "worst case",
+        "tuned",
+        f"zeta={base['zeta']:g}, omega_n={base['omega_n']:g}",
+        "tuned, nominal",
+    )
+    table(f"Worst case over beta_c/beta in [{1 - u:g}, {1 + u:g}]", header, rows)
+    margins = document["margins"]
+    shown = (
+        ("gain may rise by", "gain_up", "x", 1.0),
+        ("gain may fall to", "gain_down", "x", 1.0),
+        ("phase", "phase_deg", "deg", 1.0),
+        ("further delay", "delay_s", "ms", 1e3),
+    )
+    table(
+        "Margins of the sampled loop, each where it is smallest",
+        ("margin", "value", "gap", "beta_c/beta"),
+        [
+            (
+                label,
+                number(
+                    None if margins[key]["value"] is None else scale * margins[key]["value"], unit
+                ),
+                number(1e3 * margins[key]["gap"], "mm"),
+                number(margins[key]["ratio"]),
+            )
+            for label, key, unit, scale in shown
+        ],
+    )
+    verdict = "" if base["feasible"] else f" (which breaks: {', '.join(base['violated'])})"
+    sys.stdout.write(
+        f"Worst-case {document['objective'].upper()} is {base['improvement']:.3g} times smaller "
+        f"than with zeta = {base['zeta']:g}, omega_n = {base['omega_n']:g}{verdict}, "
+        "under the same limits.\n\n"
+    )
+
+
+def _print_limits(document: dict[str, Any]) -> None:
+    signs = {"upper": "≤", "lower": "≥"}
+    table(
+        "Limits",
+        ("limit", "value", "allowed", "kept"),
+        [
+            (
+                c["name"],
+                number(c["value"], _unit(c)),
+                f"{signs[c['side']]} {number(c['limit'], _unit(c))}",
+                "yes" if c["satisfied"] else "NO",
+            )
+            for c in document["constraints"]
+        ],
+    )
+
+
+def _unit(constraint: dict[str, Any]) -> str:
+    return "" if constraint["unit"] == "-" else str(constraint["unit"])
+
+
+def _print_alternatives(document: dict[str, Any]) -> None:
+    key = document["objective"]
+    own = document["worst_case"][key]
+    rows = []
+    for other in document["alternatives"]:
+        worst = other["worst_case"]
+        poles = "tuned anew" if other["tuned"] else "same poles"
+        rows.append(
+            (
+                f"{other['kind']}: {other['name']} ({poles})",
+                number(worst[key]),
+                f"{own / worst[key]:.3g} x",
+                number(worst["peak_voltage"], "V"),
+                number(worst["ms"]),
+                "yes" if other["feasible"] else "NO",
+            )
+        )
+    header = ("otherwise", f"worst {key.upper()}", "better by", "command", "Ms", "limits kept")
+    table("What another choice would give", header, rows)
+    measured = next((a for a in document["alternatives"] if a["name"] == "measured"), None)
+    if measured is not None and measured["worst_case"][key] < own:
+        sys.stdout.write(
+            f"Measuring U once (--equilibrium measured) would make the worst case "
+            f"{own / measured['worst_case'][key]:.3g} times smaller at these poles"
+            + ("" if measured["feasible"] else ", which then need tuning anew to keep the limits")
+            + ".\n\n"
+        )

@@ -1,0 +1,78 @@
+"""``presets`` and ``derive``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from maglev_design.cli.output import number, print_json, say, table
+
+
+def list_presets(*, as_json: bool) -> None:
+    """Print every preset with its name, its poles' neighbourhood and its source."""
+    from maglev_design.design import check_path_voltage, plant_beta, true_equilibrium  # noqa: PLC0415
+    from maglev_design.parameters import load_rig, preset_names  # noqa: PLC0415
+
+    rows = []
+    for name in preset_names():
+        rig = load_rig(name)
+        check_path_voltage(rig)
+        rest = true_equilibrium(rig, plant_beta(rig), rig.operating_point.gap)
+        rows.append((name, rig, plant_beta(rig), rest))
+    if as_json:
+        print_json(
+            {
+                "presets": [
+                    {
+                        "name": name,
+                        "title": rig.name,
+                        "source": rig.source,
+                        "notes": rig.notes,
+                        "beta": beta,
+                        "equilibrium": {"Y": rig.operating_point.gap, "U": rest.U}
+                        | {"C_U": rest.C_U, "C_Y": rest.C_Y},
+                    }
+                    for name, rig, beta, rest in rows
+                ]
+            }
+        )
+        return
+    table(
+        "Presets",
+        ("name", "m [kg]", "Y [mm]", "y0 [mm]", "U [V]", "C_U [m/s²V]", "C_Y [1/s²]", "T [ms]"),
+        [
+            (
+                name,
+                number(rig.plant.mass),
+                number(1e3 * rig.operating_point.gap),
+                number(1e3 * rig.plant.gap_offset),
+                number(rest.U),
+                number(rest.C_U),
+                number(rest.C_Y),
+                number(1e3 * rig.sampling.period),
+            )
+            for name, rig, _, rest in rows
+        ],
+    )
+    for name, rig, _, _ in rows:
+        sys.stdout.write(f"{name}: {rig.name}\n  source: {rig.source}\n")
+        sys.stdout.write(f"  notes: {' '.join(rig.notes.split())}\n")
+
+
+def print_derivation(form: str, output: Path | None, *, as_json: bool) -> None:
+    """Print or write the derivation."""
+    from maglev_design.files import write_bytes  # noqa: PLC0415
+    from maglev_design.report.derivation_text import Format, records, render  # noqa: PLC0415
+    from maglev_design.symbolic.derivation import NOTATION, derivation  # noqa: PLC0415
+
+    equations = derivation()
+    if as_json:
+        print_json({"equations": records(equations, NOTATION)})
+        return
+    chosen: Format = form  # type: ignore[assignment]  # the option's choices are the formats
+    text = render(equations, NOTATION, chosen)
+    if output is None:
+        sys.stdout.write(text)
+    else:
+        write_bytes(output, text.encode())
+        say(f"written: {output}")

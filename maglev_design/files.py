@@ -1,0 +1,61 @@
+"""Writing without losing anything: beside the target first, then renamed; folders with a mark."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+from maglev_design.errors import InputError
+
+MARK = ".maglev-design"
+"""A file of this name says that this program made the folder and may write into it again."""
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write `content` to `path` so that a reader sees the old file or the new, never a part.
+
+    Raises
+    ------
+    InputError
+        When the place cannot be written.
+    """
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(content)
+            Path(name).chmod(0o644)
+            Path(name).replace(path)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from error
+
+
+def output_folder(path: Path, *, force: bool) -> Path:
+    """Return `path` as a folder that may be written into, made when it does not exist.
+
+    Raises
+    ------
+    InputError
+        When it holds something that this program did not write (unless `force`), is a file, or
+        cannot be written.
+    """
+    try:
+        if path.exists() and not path.is_dir():
+            raise InputError(f"{path}: is a file, a folder is needed")
+        path.mkdir(parents=True, exist_ok=True)
+        if any(path.iterdir()) and not (path / MARK).exists() and not force:
+            raise InputError(
+                f"{path}: not empty and not written by this program; choose another folder or "
+                "allow it with --force"
+            )
+        if not os.access(path, os.W_OK):
+            raise InputError(f"{path}: the folder cannot be written")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be used as a folder ({error.strerror})") from error
+    if not (path / MARK).exists():
+        write_bytes(path / MARK, b"maglev-design writes here\n")
+    return path

@@ -1,0 +1,237 @@
+"""The design record: what ran, from which parameters, with which versions, and what came out.
+
+``design.json`` holds everything that later verbs need; ``design.npz`` the curves that the plots
+show. Neither holds a time, a path or a name of a machine: the same inputs give the same bytes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import math
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maglev_design import __version__
+from maglev_design.certify import Margins
+from maglev_design.choices import EQUILIBRIA, METHODS
+from maglev_design.design import PAPER_POLES, Design, PoleSpec, make_design
+from maglev_design.errors import InputError
+from maglev_design.files import write_bytes
+from maglev_design.parameters import Rig, make_rig
+from maglev_design.simulate import simulate
+from maglev_design.tune import TuneResult, as_json
+from maglev_design.tune.problem import Case, design_at, scenario_at
+
+SCHEMA_VERSION = 1
+KIND = "maglev-design"
+PACKAGES = ("casadi", "control", "numpy", "scipy", "sympy")
+LARGEST_RECORD = 50_000_000
+"""[bytes]"""
+
+Curves = Mapping[str, NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class DesignRecord:
+    """One saved design.
+
+    Attributes
+    ----------
+    rig : Rig
+        As it was used, command-line changes included.
+    design : Design
+        The controller with all its numbers.
+    document : dict
+        The whole of ``design.json``.
+    curves : mapping of str to array
+        What the plots show; empty when read back without ``design.npz``.
+    """
+
+    rig: Rig
+    design: Design
+    document: dict[str, Any]
+    curves: Curves
+
+
+def finite(value: Any) -> Any:
+    """Return plain data with infinities and nan as None, tuples as lists, numpy as Python."""
+    if isinstance(value, Mapping):
+        return {str(key): finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    if isinstance(value, np.ndarray):
+        return finite(value.tolist())
+    if isinstance(value, np.generic):
+        return finite(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def rig_as_data(rig: Rig) -> dict[str, Any]:
+    """Return the rig as JSON data; an unlimited upper bound is None."""
+    return dict(finite(rig.model_dump(exclude_none=True)))
+
+
+def rig_from_data(data: Any, origin: str) -> Rig:
+    """Return the rig of :func:`rig_as_data`."""
+    if not isinstance(data, dict):
+        raise InputError(f"{origin}: rig: must be a table")
+    data = json.loads(json.dumps(data))
+    limits = data.get("limits")
+    if isinstance(limits, dict):
+        for name, bounds in limits.items():
+            if isinstance(bounds, list):
+                limits[name] = [math.inf if bound is None else bound for bound in bounds]
+    return make_rig(data, origin)
+
+
+def make_record(result: TuneResult, margins: Margins) -> DesignRecord:
+    """Return the record of a tuning."""
+    rig, design = result.problem.rig, result.design
+    versions = {name: metadata.version(name) for name in PACKAGES}
+    document = {
+        "schema_version": SCHEMA_VERSION,
+        "kind": KIND,
+        "versions": {"maglev-design": __version__, "python": platform.python_version()} | versions,
+        "rig": rig_as_data(rig),
+        "design": design_as_data(design),
+        **as_json(result),
+        "margins": margins.as_dict(),
+    }
+    return DesignRecord(rig, design, finite(document), _curves(result))
+
+
+def design_as_data(design: Design) -> dict[str, Any]:
+    """Return a controller as JSON data, every number to the last digit."""
+    believed = design.believed
+    return {
+        "poles": [list(design.poles.first), list(design.poles.second)],
+        "equilibrium": design.equilibrium,
+        "method": design.method,
+        "gains": list(design.gains),
+        "believed": {"U": believed.U, "C_U": believed.C_U, "C_Y": believed.C_Y},
+        "Y": design.Y,
+        "coefficients": dict(design.coefficients),
+    }
+
+
+def _curves(result: TuneResult) -> dict[str, NDArray[np.float64]]:
+    """Return the responses and the landscape behind the plots."""
+    problem = result.problem
+    curves: dict[str, NDArray[np.float64]] = {}
+    for label, poles, ratio in (
+        ("worst", result.poles, result.figures.ratio),
+        ("nominal", result.poles, 1.0),
+        ("baseline", PoleSpec.double(*PAPER_POLES), result.baseline.ratio),
+    ):
+        scenario = scenario_at(problem, Case(), ratio)
+        response = simulate(problem.runs, design_at(problem, poles, ratio), scenario)
+        curves[f"{label}_gap"] = response.gap
+        curves[f"{label}_commanded"] = response.commanded
+        curves["times"], curves["reference"] = response.times, response.reference
+    if result.landscape is not None:
+        curves["landscape_zeta"] = result.landscape.zeta
+        curves["landscape_omega_n"] = result.landscape.omega_n
+        curves["landscape_objective"] = result.landscape.objective
+        for name, slack in result.landscape.slack.items():
+            curves[f"slack: {name}"] = slack
+    return curves
+
+
+def _digest(document: Mapping[str, Any]) -> str:
+    body = {key: value for key, value in document.items() if key != "sha256"}
+    text = json.dumps(body, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def save(record: DesignRecord, folder: Path) -> tuple[Path, ...]:
+    """Write ``design.json`` and ``design.npz`` into `folder`; return their paths."""
+    document = record.document | {"sha256": _digest(record.document)}
+    text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, allow_pickle=False, **record.curves)
+    paths = (folder / "design.json", folder / "design.npz")
+    write_bytes(paths[0], text.encode())
+    write_bytes(paths[1], buffer.getvalue())
+    return paths
+
+
+def load(path: Path) -> DesignRecord:
+    """Read a record back and check that it is whole.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, is not a design record, is of another schema, was changed
+        since it was written, or holds numbers that do not belong together.
+    """
+    if path.is_dir():
+        path = path / "design.json"
+    document = _read(path)
+    if document.get("kind") != KIND:
+        raise InputError(f"{path}: kind = {document.get('kind')!r}: must be {KIND!r}")
+    version = document.get("schema_version")
+    if version != SCHEMA_VERSION:
+        raise InputError(
+            f"{path}: schema_version = {version!r}: this program reads {SCHEMA_VERSION}; "
+            "tune again to write a new record"
+        )
+    if document.get("sha256") != _digest(document):
+        raise InputError(
+            f"{path}: damaged or edited: its content does not match its sha256; tune again, or "
+            "change the rig file and not the result"
+        )
+    try:
+        rig = rig_from_data(document["rig"], str(path))
+        design = _design(rig, document["design"], path)
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise InputError(f"{path}: damaged: {type(error).__name__} at {error}") from error
+    curves_path = path.with_suffix(".npz")
+    curves: Curves = {}
+    if curves_path.exists():
+        with np.load(curves_path, allow_pickle=False) as archive:
+            curves = {name: archive[name] for name in archive.files}
+    return DesignRecord(rig, design, document, curves)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        if path.stat().st_size > LARGEST_RECORD:
+            raise InputError(f"{path}: larger than {LARGEST_RECORD} bytes, not a design record")
+        document = json.loads(path.read_bytes().decode("utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    except (UnicodeDecodeError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not a design record (not valid JSON)") from error
+    if not isinstance(document, dict):
+        raise InputError(f"{path}: not a design record (a table is needed)")
+    return document
+
+
+def _design(rig: Rig, data: Mapping[str, Any], path: Path) -> Design:
+    """Return the controller of a record, computed anew and compared with what is stored."""
+    if data["equilibrium"] not in EQUILIBRIA or data["method"] not in METHODS:
+        raise InputError(f"{path}: design: unknown equilibrium or method")
+    first, second = ((float(zeta), float(omega_n)) for zeta, omega_n in data["poles"])
+    design = make_design(
+        rig, PoleSpec(first, second), equilibrium=data["equilibrium"], method=data["method"]
+    )
+    stored = [*data["gains"], *data["coefficients"].values()]
+    computed = [*design.gains, *design.coefficients.values()]
+    agree = [
+        (a is None and math.isinf(b)) or (a is not None and math.isclose(a, b, rel_tol=1e-12))
+        for a, b in zip(stored, computed, strict=True)
+    ]
+    if not all(agree):
+        raise InputError(f"{path}: the gains do not belong to the poles and the rig; tune again")
+    return design

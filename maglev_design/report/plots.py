@@ -1,0 +1,276 @@
+"""Every figure of the package, in one style: units on the axes, readable in grey and in print."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from maglev_design.errors import InputError
+from maglev_design.files import write_bytes
+
+Curves = Mapping[str, NDArray[np.float64]]
+
+RED, BLUE, GREEN, GREY, ORANGE = "#c1272d", "#0072b2", "#009e73", "#5f5f5f", "#d98200"
+"""Okabe-Ito's colours and a red that keeps its distance from them in grey."""
+
+STYLE: dict[str, Any] = {
+    "axes.axisbelow": True,
+    "axes.edgecolor": "#333333",
+    "axes.grid": True,
+    "axes.labelsize": 9,
+    "axes.linewidth": 0.7,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlesize": 9,
+    "font.family": "DejaVu Sans",
+    "font.size": 9,
+    "grid.color": "#d9d9d9",
+    "grid.linewidth": 0.5,
+    "legend.fontsize": 8,
+    "legend.frameon": False,
+    "lines.linewidth": 1.4,
+    "savefig.dpi": 200,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "maglev-design",
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+}
+WIDTH = 6.3
+"""[in] A text column of an A4 page."""
+
+LIMIT_STYLES = {
+    "Ms": (BLUE, "-"),
+    "largest commanded voltage": (RED, "--"),
+    "smallest commanded voltage": (ORANGE, "--"),
+    "noise voltage": (GREEN, "-."),
+    "spectral radius": (GREY, ":"),
+    "Routh-Hurwitz": ("black", ":"),
+    "smallest gap": (GREY, "-."),
+    "largest gap": (GREY, "--"),
+}
+
+
+@contextmanager
+def house_style() -> Iterator[None]:
+    """Apply the style to the figures made inside, and to no others."""
+    with mpl.rc_context(STYLE):
+        yield
+
+
+METADATA: Mapping[str, dict[str, None]] = {
+    ".png": {"Software": None},
+    ".svg": {"Date": None, "Creator": None},
+    ".pdf": {"Creator": None, "Producer": None, "CreationDate": None},
+}
+"""Formats that can be written, and what would tell when and by what the figure was made."""
+
+
+def save_figure(figure: Figure, path: Path) -> Path:
+    """Write `figure` in the format of its ending, the same bytes for the same figure.
+
+    Raises
+    ------
+    InputError
+        For an ending that is not .png, .svg or .pdf.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in METADATA:
+        raise InputError(f"{path}: a plot must end in {', '.join(METADATA)}")
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=suffix[1:], metadata=METADATA[suffix])
+    write_bytes(path, buffer.getvalue())
+    return path
+
+
+def _axes(height: float = 3.0) -> tuple[Figure, Any]:
+    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    return figure, figure.add_subplot()
+
+
+def _literal(text: str) -> str:
+    """Return `text` so that matplotlib does not take a dollar sign in it for mathematics."""
+    return text.replace("$", r"\$")
+
+
+def tracking(curves: Curves, document: Mapping[str, Any]) -> Figure:
+    """Draw the gap and its reference, tuned and baseline, at the worst ratio of each."""
+    figure, axes = _axes()
+    t = curves["times"]
+    axes.plot(t, 1e3 * curves["baseline_gap"], color=BLUE, ls="--", label=_baseline_label(document))
+    axes.plot(t, 1e3 * curves["worst_gap"], color=RED, label=_tuned_label(document))
+    axes.plot(t, 1e3 * curves["reference"], color="black", lw=0.9, ls=":", label="reference $y^*$")
+    axes.set(xlabel="time $t$ [s]", ylabel="gap $y$ [mm]", title=_title(document, "Tracking"))
+    axes.margins(x=0)
+    axes.legend()
+    return figure
+
+
+def error(curves: Curves, document: Mapping[str, Any]) -> Figure:
+    """Draw the tracking error, the start on the left and the rest on the right."""
+    figure = Figure(figsize=(WIDTH, 3.2), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(1, 1.6))
+    t, reference = curves["times"], curves["reference"]
+    early = _start(t, document)
+    for name, colour, dash, label in (
+        ("baseline", BLUE, "--", _baseline_label(document)),
+        ("worst", RED, "-", _tuned_label(document)),
+        ("nominal", GREEN, "-.", "tuned, exact beta"),
+    ):
+        e = 1e6 * (curves[f"{name}_gap"] - reference)
+        left.plot(t[early], e[early], color=colour, ls=dash)
+        right.plot(t[~early], e[~early], color=colour, ls=dash, label=label)
+    left.set(xlabel="time $t$ [s]", ylabel="error $e$ [µm]", title="the start")
+    right.set(xlabel="time $t$ [s]", title=_title(document, "Tracking error"))
+    left.margins(x=0)
+    right.margins(x=0, y=0.25)
+    right.legend(loc="upper right")
+    return figure
+
+
+def _start(t: NDArray[np.float64], document: Mapping[str, Any]) -> NDArray[np.bool_]:
+    """Return the instants of the initial transient."""
+    return np.asarray(t <= max(0.2, 20 * document["rig"]["sampling"]["period"]))
+
+
+def voltage(curves: Curves, document: Mapping[str, Any]) -> Figure:
+    """Draw the commanded voltage, the start enlarged on the left, with the actuator's range."""
+    figure = Figure(figsize=(WIDTH, 3.2), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1, 1.6))
+    t = curves["times"][:-1]
+    early = _start(t, document)
+    for axes, part in ((left, early), (right, slice(None))):
+        for name, colour, dash, label in (
+            ("baseline", BLUE, "--", _baseline_label(document)),
+            ("worst", RED, "-", _tuned_label(document)),
+        ):
+            u = curves[f"{name}_commanded"]
+            axes.step(t[part], u[part], where="post", color=colour, ls=dash, label=label)
+        for bound in document["rig"]["limits"]["voltage"]:
+            if bound is not None:
+                axes.axhline(bound, color="black", lw=0.8, ls=":")
+        axes.margins(x=0)
+        axes.set_xlabel("time $t$ [s]")
+    left.set(ylabel="commanded voltage $u$ [V]", title="the start")
+    right.set_title(_title(document, "Voltage"))
+    right.legend()
+    return figure
+
+
+def landscape(curves: Curves, document: Mapping[str, Any]) -> Figure:
+    """Draw the objective over (zeta, omega_n), the limits as lines and the optimum."""
+    figure, axes = _axes(4.6)
+    zeta, omega_n = curves["landscape_zeta"], curves["landscape_omega_n"]
+    values = curves["landscape_objective"]
+    shown = np.log10(np.where(values > 0, values, np.nan))
+    mesh = axes.pcolormesh(omega_n, zeta, shown, cmap="Greys_r", shading="nearest", alpha=0.85)
+    bar = figure.colorbar(mesh, ax=axes)
+    unit = {"itae": "m s²", "iae": "m s", "ise": "m² s"}[document["objective"]]
+    bar.set_label(f"log₁₀ of worst-case {document['objective'].upper()} [{unit}]")
+    stable = curves["slack: spectral radius"] > 0
+    for name, (colour, dash) in LIMIT_STYLES.items():
+        slack = curves.get(f"slack: {name}")
+        if slack is None:
+            continue
+        inside = np.isfinite(slack) & (stable | (name == "spectral radius"))
+        known = np.where(inside, np.clip(slack, -2, 2), np.nan)
+        if np.nanmin(known) < 0 < np.nanmax(known):
+            axes.contour(
+                omega_n, zeta, known, levels=[0.0], colors=colour, linestyles=dash, linewidths=1.4
+            )
+            axes.plot([], [], color=colour, ls=dash, label=f"limit: {name}")
+    for n, (damping, speed) in enumerate(sorted(map(tuple, document["poles"]))):
+        label = "tuned" if n == 0 else None
+        axes.plot(speed, damping, "*", color=RED, ms=13, mec="white", label=label)
+    base = document["baseline"]
+    axes.plot(
+        base["omega_n"],
+        base["zeta"],
+        "o",
+        color=BLUE,
+        mec="white",
+        ms=8,
+        label="$\\zeta=1$, $\\omega_n=70$",
+    )
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlabel="frequency of the poles $\\omega_n$ [rad/s]",
+        ylabel="damping of the poles $\\zeta$ [-]",
+        title=_title(document, "Objective and limits"),
+    )
+    _plain_ticks(axes.xaxis, omega_n)
+    _plain_ticks(axes.yaxis, zeta)
+    axes.grid(False)
+    figure.legend(loc="outside lower center", ncols=3)
+    return figure
+
+
+def _plain_ticks(axis: Any, values: NDArray[np.float64]) -> None:
+    """Label a logarithmic axis with round numbers and not with powers of ten."""
+    round_numbers = [m * 10.0**k for k in range(-3, 7) for m in (1, 2, 5)]
+    axis.set_major_locator(
+        mpl.ticker.FixedLocator([v for v in round_numbers if values[0] <= v <= values[-1]])
+    )
+    axis.set_major_formatter(mpl.ticker.FormatStrFormatter("%g"))
+    axis.set_minor_locator(mpl.ticker.NullLocator())
+
+
+def _title(document: Mapping[str, Any], text: str) -> str:
+    return f"{text} - {_literal(document['rig']['name'])}"
+
+
+def _tuned_label(document: Mapping[str, Any]) -> str:
+    pairs = {tuple(pair) for pair in document["poles"]}
+    poles = ", ".join(f"$\\zeta={z:.3g}$, $\\omega_n={w:.4g}$" for z, w in sorted(pairs))
+    return f"tuned ({poles}), ratio {document['worst_case']['ratio']:.3g}"
+
+
+def _baseline_label(document: Mapping[str, Any]) -> str:
+    base = document["baseline"]
+    return (
+        f"$\\zeta={base['zeta']:g}$, $\\omega_n={base['omega_n']:g}$, "
+        f"ratio {base['worst_case']['ratio']:.3g}"
+    )
+
+
+def response_figure(curves: Curves, title: str) -> Figure:
+    """Draw one simulated loop: gap, error and voltage below each other.
+
+    ``curves`` holds times, gap, reference [s, m, m] and commanded, applied [V].
+    """
+    figure = Figure(figsize=(WIDTH, 5.4), layout="constrained")
+    upper, middle, lower = figure.subplots(3, 1, sharex=True)
+    times, gap, reference = curves["times"], curves["gap"], curves["reference"]
+    upper.plot(times, 1e3 * gap, color=RED, label="gap $y$")
+    upper.plot(times, 1e3 * reference, color="black", lw=0.9, ls=":", label="reference $y^*$")
+    upper.set(ylabel="gap [mm]", title=_literal(title))
+    upper.legend()
+    middle.plot(times, 1e6 * (gap - reference), color=RED)
+    middle.set(ylabel="error $e$ [µm]")
+    for name, colour, dash in (("commanded", BLUE, "--"), ("applied", RED, "-")):
+        lower.step(times[:-1], curves[name], where="post", color=colour, ls=dash, label=name)
+    lower.set(xlabel="time $t$ [s]", ylabel="voltage [V]")
+    lower.legend()
+    upper.margins(x=0)
+    return figure
+
+
+def design_figures(curves: Curves, document: Mapping[str, Any], folder: Path) -> tuple[Path, ...]:
+    """Write every figure of a design record into `folder`; return the paths."""
+    drawings = {"tracking": tracking, "error": error, "voltage": voltage}
+    if "landscape_objective" in curves:
+        drawings["landscape"] = landscape
+    written: list[Path] = []
+    with house_style():
+        for name, draw in drawings.items():
+            figure = draw(curves, document)
+            written += [save_figure(figure, folder / f"{name}{end}") for end in (".png", ".svg")]
+    return tuple(written)

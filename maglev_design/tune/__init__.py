@@ -1,0 +1,31 @@
+"""Pole placement tuned on the sampled nonlinear loop, worst case over the uncertainty of beta.
+
+``build_problem`` states the problem, ``solve`` searches it, judges the answer at every ratio,
+re-simulates it with an independent integrator and compares it with the paper's poles.
+"""
+
+from maglev_design.tune.problem import OBJECTIVES, TuningProblem, build_problem
+from maglev_design.tune.result import (
+    Figures,
+    Status,
+    TuneResult,
+    Unstabilisable,
+    as_json,
+    judge,
+    solve,
+    solve_every_method,
+)
+
+__all__ = [
+    "OBJECTIVES",
+    "Figures",
+    "Status",
+    "TuneResult",
+    "TuningProblem",
+    "Unstabilisable",
+    "as_json",
+    "build_problem",
+    "judge",
+    "solve",
+    "solve_every_method",
+]

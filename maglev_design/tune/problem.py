@@ -1,0 +1,403 @@
+"""The tuning problem: what is minimised, over what, subject to what; and its evaluation.
+
+Minimise over the poles the worst case, over the ratio interval and the cases, of an integral of
+the error of the sampled nonlinear loop, subject to limits on that loop and on its linearisations
+along the path. Values and exact gradients come from here; nothing here searches.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maglev_design import choices
+from maglev_design import loop as loops
+from maglev_design.choices import Equilibrium, Method, Scenarios
+from maglev_design.design import Design, PoleSpec, make_design, plant_beta, true_equilibrium
+from maglev_design.errors import InputError, nearest
+from maglev_design.parameters import Rig
+from maglev_design.simulate import (
+    LoopGraph,
+    Metrics,
+    Scenario,
+    build,
+    mirrored,
+    nominal_scenario,
+    pole_tangent,
+    simulate,
+)
+
+Array = NDArray[np.float64]
+
+DEFAULT_MAX_MS = 2.0
+"""Usual upper end of what textbooks allow for the peak of |S|."""
+DEFAULT_NOISE_SHARE = 0.05
+"""Share of the voltage range that sensor noise may take."""
+ZETA_BOUNDS = (0.3, 3.0)
+SLOWEST_POLES, FASTEST_POLES = 0.3, 12.0
+"""Search bounds of omega_n as multiples of the plant's fastest unstable pole on the path."""
+FASTEST_ANGLE = 0.5
+"""Largest omega_n T searched: beyond it a sample is a tenth of an oscillation."""
+NOISE_SEEDS = 2
+
+
+@dataclass(frozen=True)
+class Objective:
+    """One row of the table of objectives: an attribute of ``Metrics`` to be made small."""
+
+    key: choices.Objective
+    title: str
+    unit: str
+
+
+OBJECTIVES: Mapping[str, Objective] = {
+    "itae": Objective("itae", "integral of t |e|", "m s^2"),
+    "iae": Objective("iae", "integral of |e|", "m s"),
+    "ise": Objective("ise", "integral of e^2", "m^2 s"),
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """One way to start: the sign of the initial error, and a noise stream or none."""
+
+    flipped: bool = False
+    noise: bool = False
+    index: int = 0
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a design must keep to.
+
+    Attributes
+    ----------
+    max_ms : float
+        Largest |S| of the sampled loop, delay included [-].
+    max_noise_voltage : float
+        Standard deviation of the voltage that sensor noise makes [V].
+    allow_saturation : bool
+        Whether the commanded voltage may leave the actuator's range.
+    """
+
+    max_ms: float
+    max_noise_voltage: float
+    allow_saturation: bool
+
+
+@dataclass(frozen=True)
+class TuningProblem:
+    """Everything a search needs; built once, looked at or solved.
+
+    Attributes
+    ----------
+    rig : Rig
+    objective : Objective
+    equilibrium, method : str
+    beta_error : float
+        u: the ratio interval is [1 - u, 1 + u].
+    limits : Limits
+    distinct : bool
+        Whether the two pole pairs may differ (four variables instead of two).
+    bounds : array, shape (2, 2)
+        Rows zeta [-] and omega_n [rad/s]; lower and upper.
+    cases : tuple of Case
+    seed : int
+    loop, delayed_loop : Loop
+        Linear loops, the second with one more whole sample of delay.
+    family : Family
+    runs, tangent_runs : LoopGraph
+        Nonlinear loops, the second with sensitivities.
+    """
+
+    rig: Rig
+    objective: Objective
+    equilibrium: Equilibrium
+    method: Method
+    beta_error: float
+    limits: Limits
+    distinct: bool
+    bounds: Array
+    cases: tuple[Case, ...]
+    seed: int
+    loop: loops.Loop
+    delayed_loop: loops.Loop
+    family: loops.Family
+    runs: LoopGraph
+    tangent_runs: LoopGraph
+
+    @property
+    def directions(self) -> Array:
+        """d(poles)/d(free variables), shape (4, 2) or (4, 4)."""
+        return np.eye(4) if self.distinct else np.vstack([np.eye(2), np.eye(2)])
+
+    def poles(self, x: Array) -> PoleSpec:
+        """Return the poles of the logarithms `x` of the free variables."""
+        zeta_1, omega_1, zeta_2, omega_2 = (float(v) for v in self.directions @ np.exp(x))
+        return PoleSpec((zeta_1, omega_1), (zeta_2, omega_2))
+
+    def box(self) -> Array:
+        """Return the bounds of the logarithms, shape (n, 2)."""
+        return np.log(np.vstack([self.bounds] * (2 if self.distinct else 1)))
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """One limit and where a design stands.
+
+    Attributes
+    ----------
+    name, unit : str
+    limit, value : float
+    slack : float
+        Dimensionless, negative when violated.
+    gradient : array, shape (4,)
+        Of the slack by the poles.
+    """
+
+    name: str
+    unit: str
+    limit: float
+    value: float
+    slack: float
+    gradient: Array
+
+    @property
+    def satisfied(self) -> bool:
+        """Whether the limit is kept."""
+        return self.slack >= 0
+
+    @property
+    def side(self) -> Literal["upper", "lower"]:
+        """Whether `limit` bounds the value from above or from below."""
+        lower = self.name == "Routh-Hurwitz" or self.name.startswith("smallest")
+        return "lower" if lower else "upper"
+
+
+@dataclass(frozen=True)
+class Run:
+    """One simulated loop inside the search: its objective and its limits, with gradients."""
+
+    value: float
+    gradient: Array
+    constraints: tuple[Constraint, ...]
+    metrics: Metrics
+
+
+def build_problem(
+    rig: Rig,
+    *,
+    objective: str = "itae",
+    equilibrium: Equilibrium = "model",
+    method: Method | None = None,
+    beta_error: float | None = None,
+    max_ms: float = DEFAULT_MAX_MS,
+    max_noise_voltage: float | None = None,
+    allow_saturation: bool = False,
+    scenarios: Scenarios = "nominal",
+    distinct: bool = False,
+    zeta_bounds: tuple[float, float] | None = None,
+    omega_bounds: tuple[float, float] | None = None,
+    seed: int = 0,
+) -> TuningProblem:
+    """Return the tuning problem of `rig`.
+
+    Raises
+    ------
+    InputError
+        For an unknown objective or a bound that is not usable.
+    """
+    if objective not in OBJECTIVES:
+        raise InputError(
+            f"objective {objective!r} is unknown{nearest(objective, OBJECTIVES)}; "
+            f"known: {', '.join(OBJECTIVES)}"
+        )
+    u = rig.uncertainty.beta if beta_error is None else beta_error
+    if not 0 <= u < 1:
+        raise InputError(f"beta error = {u!r}: must be 0 or more and less than 1 [-]")
+    if not max_ms > 1:
+        raise InputError(f"max-ms = {max_ms!r}: must be greater than 1, the |S| of no feedback")
+    low, high = rig.limits.voltage
+    noise_limit = DEFAULT_NOISE_SHARE * (high - low)
+    if max_noise_voltage is not None:
+        noise_limit = max_noise_voltage
+    if not noise_limit > 0:
+        raise InputError(f"max-noise-voltage = {noise_limit!r}: must be greater than 0 V")
+    chosen: Method = method or rig.sampling.method
+    bounds = np.array(
+        [
+            _checked("zeta-bounds", zeta_bounds or ZETA_BOUNDS),
+            _checked("omega-bounds", omega_bounds or default_omega_bounds(rig)),
+        ]
+    )
+    cases: tuple[Case, ...] = (Case(),)
+    if scenarios == "robust":
+        noisy = [Case(bool(n % 2), noise=True, index=n) for n in range(NOISE_SEEDS)]
+        cases = (Case(), Case(flipped=True), *noisy)
+    return TuningProblem(
+        rig=rig,
+        objective=OBJECTIVES[objective],
+        equilibrium=equilibrium,
+        method=chosen,
+        beta_error=u,
+        limits=Limits(max_ms, noise_limit, allow_saturation),
+        distinct=distinct,
+        bounds=bounds,
+        cases=cases,
+        seed=seed,
+        loop=loops.build_loop(rig, equilibrium=equilibrium, method=chosen),
+        delayed_loop=loops.build_loop(rig, equilibrium=equilibrium, method=chosen, extra_samples=1),
+        family=loops.family(rig, u),
+        runs=build(rig, chosen),
+        tangent_runs=build(rig, chosen, directions=4 if distinct else 2),
+    )
+
+
+def with_reading(problem: TuningProblem, equilibrium: Equilibrium) -> TuningProblem:
+    """Return the same problem for a controller that reads the equilibrium differently."""
+    rig, method = problem.rig, problem.method
+    return replace(
+        problem,
+        equilibrium=equilibrium,
+        loop=loops.build_loop(rig, equilibrium=equilibrium, method=method),
+        delayed_loop=loops.build_loop(rig, equilibrium=equilibrium, method=method, extra_samples=1),
+    )
+
+
+def default_omega_bounds(rig: Rig) -> tuple[float, float]:
+    """Return the searched frequencies [rad/s], from the plant's pole and the sampling period."""
+    gap = loops.family(rig, 0.0).gaps[0]
+    unstable = math.sqrt(true_equilibrium(rig, plant_beta(rig), gap).C_Y)
+    low = SLOWEST_POLES * unstable
+    return low, max(2 * low, min(FASTEST_ANGLE / rig.sampling.period, FASTEST_POLES * unstable))
+
+
+def _checked(name: str, bounds: tuple[float, float]) -> tuple[float, float]:
+    low, high = bounds
+    if not (math.isfinite(low) and math.isfinite(high) and 0 < low < high):
+        raise InputError(f"{name} = {low!r} {high!r}: must be two numbers, 0 < lower < upper")
+    return bounds
+
+
+def linear_constraints(
+    problem: TuningProblem, poles: PoleSpec, *, refine: bool = True
+) -> tuple[Constraint, ...]:
+    """Return the limits that the linearised loops must keep, worst over gaps and ratios."""
+    values, over, limits = poles.values, problem.family, problem.limits
+    radius = loops.spectral_radius(problem.loop, values, over)
+    hurwitz = loops.hurwitz_margin(problem.loop, values, over)
+    found = [
+        Constraint("spectral radius", "-", 1.0, radius.value, 1 - radius.value, -radius.gradient),
+        Constraint("Routh-Hurwitz", "-", 0.0, hurwitz.value, hurwitz.value, hurwitz.gradient),
+    ]
+    peak = loops.peak_sensitivity(problem.loop, values, over, refine=refine)
+    found.append(_logarithmic("Ms", "-", limits.max_ms, peak))
+    if problem.rig.noise.position > 0 and math.isfinite(limits.max_noise_voltage):
+        deviation = problem.rig.noise.position
+        noise = loops.noise_voltage(problem.loop, values, over, deviation)
+        found.append(_logarithmic("noise voltage", "V", limits.max_noise_voltage, noise))
+    return tuple(found)
+
+
+def _logarithmic(name: str, unit: str, limit: float, found: loops.Extreme) -> Constraint:
+    """Return an upper limit on a positive figure with slack log(limit/value)."""
+    if not (math.isfinite(found.value) and found.value > 0):
+        return Constraint(name, unit, limit, math.inf, -1e3, np.zeros(4))
+    if math.isinf(limit):
+        return Constraint(name, unit, limit, found.value, math.inf, np.zeros(4))
+    slack = math.log(limit / found.value)
+    return Constraint(name, unit, limit, found.value, slack, -found.gradient / found.value)
+
+
+def design_at(problem: TuningProblem, poles: PoleSpec, ratio: float) -> Design:
+    """Return the controller as it runs on a plant whose beta is beta_c/ratio."""
+    beta_c = plant_beta(problem.rig)
+    return make_design(
+        problem.rig,
+        poles,
+        equilibrium=problem.equilibrium,
+        method=problem.method,
+        beta_plant=beta_c / ratio,
+    )
+
+
+def scenario_at(problem: TuningProblem, case: Case, ratio: float) -> Scenario:
+    """Return the scenario of one case on a plant whose beta is beta_c/ratio."""
+    scenario = nominal_scenario(problem.rig, plant_beta(problem.rig) / ratio)
+    if case.flipped:
+        scenario = mirrored(problem.rig, scenario)
+    return replace(scenario, noise=case.noise, seed=problem.seed, index=case.index)
+
+
+def run(
+    problem: TuningProblem, poles: PoleSpec, case: Case, ratio: float, *, gradients: bool = False
+) -> Run:
+    """Simulate one case at one ratio; with `gradients` by the poles, too."""
+    design = design_at(problem, poles, ratio)
+    scenario = scenario_at(problem, case, ratio)
+    slopes: dict[str, Array] = {}
+    if gradients:
+        graph = problem.tangent_runs
+        tangent = pole_tangent(graph, design, problem.directions)
+        response = simulate(graph, design, scenario, tangent)
+        back = np.linalg.pinv(problem.directions)
+        slopes = {name: row @ back for name, row in response.gradients.items()}
+    else:
+        response = simulate(problem.runs, design, scenario)
+    metrics = response.metrics
+    key = problem.objective.key
+    return Run(
+        value=float(getattr(metrics, key)),
+        gradient=slopes.get(key, np.zeros(4)),
+        constraints=_simulated_constraints(problem, metrics, slopes),
+        metrics=metrics,
+    )
+
+
+def _simulated_constraints(
+    problem: TuningProblem, metrics: Metrics, slopes: Mapping[str, Array]
+) -> tuple[Constraint, ...]:
+    rig = problem.rig
+    (u_low, u_high), (y_low, y_high) = rig.limits.voltage, rig.limits.gap
+    at_rest = rig.operating_point.gap
+    rows = [
+        ("smallest gap", "m", y_low, metrics.min_gap, "min_gap", at_rest, 1),
+        ("largest gap", "m", y_high, metrics.max_gap, "max_gap", at_rest, -1),
+    ]
+    if not problem.limits.allow_saturation:
+        volts = (u_high - u_low) if math.isfinite(u_high) else 1.0
+        rows += [
+            (
+                "smallest commanded voltage",
+                "V",
+                u_low,
+                metrics.min_voltage,
+                "min_voltage",
+                volts,
+                1,
+            ),
+            (
+                "largest commanded voltage",
+                "V",
+                u_high,
+                metrics.peak_voltage,
+                "peak_voltage",
+                volts,
+                -1,
+            ),
+        ]
+    found = []
+    for name, unit, limit, value, key, scale, sign in rows:
+        if math.isinf(limit):
+            continue
+        slack = sign * (value - limit) / scale
+        if unit == "m" and metrics.crash is not None:
+            slack = min(slack, -1.0)
+        gradient = sign * slopes.get(key, np.zeros(4)) / scale
+        found.append(Constraint(name, unit, limit, value, slack, gradient))
+    return tuple(found)

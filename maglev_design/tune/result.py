@@ -1,0 +1,507 @@
+"""What a tuning found, judged at every ratio, re-simulated independently and compared."""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from maglev_design import loop as loops
+from maglev_design.choices import EQUILIBRIA, METHODS, Method
+from maglev_design.design import PAPER_POLES, Design, PoleSpec
+from maglev_design.simulate import Metrics, resimulate
+from maglev_design.simulate.independent import INTEGRATOR
+from maglev_design.tune.problem import (
+    Case,
+    Constraint,
+    TuningProblem,
+    build_problem,
+    design_at,
+    linear_constraints,
+    run,
+    scenario_at,
+    with_reading,
+)
+from maglev_design.tune.search import (
+    SCAN,
+    Candidate,
+    Landscape,
+    Search,
+    exchange,
+    explore,
+    stable_somewhere,
+    starting_points,
+    worst_ratio,
+)
+
+VERIFICATION_TOLERANCE = 1e-5
+"""Largest relative difference of the two integrators: each is good to about 1e-7 on its own."""
+SPREAD = 1.2
+"""Factor by which a double pole pair is pulled apart to start a search over distinct ones."""
+
+
+class Status(enum.Enum):
+    """How a tuning ended; the value is a sentence with the remedy."""
+
+    OPTIMAL = "The optimum lies inside the search bounds and meets every limit."
+    ON_BOUND = (
+        "The best design lies on a search bound: widen --zeta-bounds or --omega-bounds, or accept "
+        "that the bound and not the rig decides."
+    )
+    INTERRUPTED = (
+        "The search was stopped early: this is the best design found so far, not an optimum. Run "
+        "it again to the end before relying on it."
+    )
+    INFEASIBLE = "No poles in the search box meet every limit: relax the tightest one or the box."
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What one design does over the whole ratio interval.
+
+    Attributes
+    ----------
+    worst : Metrics
+        At the ratio where the objective is largest; extremes of voltage and gap are over all
+        ratios and cases.
+    ratio : float
+        That ratio.
+    nominal : Metrics
+        At ratio 1.
+    ms, ms_one_more_sample : float
+        Largest |S|, as it is and with one more whole sample of delay [-].
+    radius, radius_one_more_sample : float
+        Spectral radius of the sampled loop, likewise [-].
+    noise_voltage : float
+        Largest standard deviation of the voltage that sensor noise makes [V].
+    constraints : tuple of Constraint
+        Each at its worst.
+    other_sign : Metrics
+        At `ratio`, with the initial error of the other sign.
+    """
+
+    worst: Metrics
+    ratio: float
+    nominal: Metrics
+    ms: float
+    ms_one_more_sample: float
+    radius: float
+    radius_one_more_sample: float
+    noise_voltage: float
+    constraints: tuple[Constraint, ...]
+    other_sign: Metrics
+
+    @property
+    def feasible(self) -> bool:
+        """Whether every limit is kept."""
+        return all(c.satisfied for c in self.constraints)
+
+    @property
+    def tightest(self) -> Constraint:
+        """The limit with the least slack."""
+        return min(self.constraints, key=lambda c: c.slack)
+
+
+@dataclass(frozen=True)
+class Verification:
+    """The worst case once more with an independent integrator."""
+
+    value: float
+    reference: float
+
+    @property
+    def relative_difference(self) -> float:
+        """|value - reference|/|reference|."""
+        if self.value == self.reference:
+            return 0.0
+        return abs(self.value - self.reference) / abs(self.reference)
+
+    @property
+    def passed(self) -> bool:
+        """Whether both agree to `VERIFICATION_TOLERANCE`."""
+        return self.relative_difference <= VERIFICATION_TOLERANCE
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """The same poles (or, for tuned methods, their own) under another choice."""
+
+    kind: str
+    name: str
+    poles: PoleSpec
+    figures: Figures
+    tuned: bool
+
+
+@dataclass(frozen=True)
+class TuneResult:
+    """The answer of a tuning and everything worth inspecting.
+
+    Attributes
+    ----------
+    status : Status
+    problem : TuningProblem
+    poles : PoleSpec
+    design : Design
+        As it runs on the plant that it was designed for (ratio 1).
+    figures, baseline : Figures
+        Of this design and of the paper's zeta = 1, omega_n = 70, same limits, same terms.
+    verification, baseline_verification : Verification
+    alternatives : tuple of Alternative
+    landscape : Landscape
+    evaluations : int
+        Closed loops simulated.
+    """
+
+    status: Status
+    problem: TuningProblem
+    poles: PoleSpec
+    design: Design
+    figures: Figures
+    baseline: Figures
+    verification: Verification
+    baseline_verification: Verification
+    alternatives: tuple[Alternative, ...]
+    landscape: Landscape | None
+    evaluations: int
+
+    @property
+    def improvement(self) -> float:
+        """How many times smaller the worst case is than the baseline's."""
+        key = self.problem.objective.key
+        return float(getattr(self.baseline.worst, key) / getattr(self.figures.worst, key))
+
+
+@dataclass(frozen=True)
+class Unstabilisable:
+    """No poles in the box stabilise the sampled loop; what would [s], nan where nothing does."""
+
+    largest_period: float
+    largest_delay: float
+
+
+def judge(problem: TuningProblem, poles: PoleSpec) -> Figures:
+    """Return the figures of `poles` over the ratio interval, every limit at its worst."""
+    search = Search(problem, lambda *_: None)
+    x = np.log(poles.values if problem.distinct else poles.first)
+    low, high = problem.family.ratios
+    worst = max(
+        (worst_ratio(search, x, case) for case in problem.cases), key=lambda found: found[1].value
+    )
+    ratios = np.linspace(low, high, SCAN) if high > low else np.array([low])
+    runs = [search.run(x, (case, float(r))) for case in problem.cases for r in ratios]
+    limits: dict[str, Constraint] = {c.name: c for c in linear_constraints(problem, poles)}
+    for limit in (c for r in (*runs, worst[1]) for c in r.constraints):
+        if limit.name not in limits or limit.slack < limits[limit.name].slack:
+            limits[limit.name] = limit
+    values, over = poles.values, problem.family
+    metrics = _with_extremes(worst[1].metrics, [r.metrics for r in (*runs, worst[1])])
+    return Figures(
+        worst=metrics,
+        ratio=worst[0],
+        nominal=run(problem, poles, Case(), 1.0).metrics,
+        ms=loops.peak_sensitivity(problem.loop, values, over).value,
+        ms_one_more_sample=loops.peak_sensitivity(problem.delayed_loop, values, over).value,
+        radius=loops.spectral_radius(problem.loop, values, over).value,
+        radius_one_more_sample=loops.spectral_radius(problem.delayed_loop, values, over).value,
+        noise_voltage=loops.noise_voltage(
+            problem.loop, values, over, problem.rig.noise.position
+        ).value,
+        constraints=tuple(limits.values()),
+        other_sign=run(problem, poles, Case(flipped=True), worst[0]).metrics,
+    )
+
+
+def _with_extremes(worst: Metrics, others: list[Metrics]) -> Metrics:
+    return Metrics(
+        **{
+            **{name: getattr(worst, name) for name in ("ise", "iae", "itae", "itae_split")},
+            "peak_voltage": max(m.peak_voltage for m in others),
+            "min_voltage": min(m.min_voltage for m in others),
+            "peak_applied": max(m.peak_applied for m in others),
+            "min_gap": min(m.min_gap for m in others),
+            "max_gap": max(m.max_gap for m in others),
+            "final_error": worst.final_error,
+            "crash": worst.crash or next((m.crash for m in others if m.crash), None),
+        }
+    )
+
+
+def solve(
+    problem: TuningProblem, progress: Callable[[str, float], None] | None = None
+) -> TuneResult | Unstabilisable:
+    """Search, judge and verify.
+
+    A keyboard interrupt ends the search and returns the best design so far, marked as such; it is
+    passed on when there is none yet.
+    """
+    report = progress or (lambda *_: None)
+    search = Search(problem, report)
+    interrupted = False
+    try:
+        landscape = explore(search)
+        if not stable_somewhere(landscape):
+            return _what_would_stabilise(problem)
+        found = exchange(search, list(_starts(problem, landscape)))
+    except KeyboardInterrupt:
+        if search.best is None:
+            raise
+        interrupted, found = True, search.best
+    report("judging and verifying", 0.0)
+    return _judged(search, found, interrupted, report)
+
+
+def solve_every_method(
+    problems: Mapping[Method, TuningProblem], progress: Callable[[str, float], None] | None = None
+) -> TuneResult | Unstabilisable:
+    """Solve one problem a discretisation; return the best, the others among its alternatives."""
+    report = progress or (lambda *_: None)
+    results: dict[Method, TuneResult] = {}
+    failure: Unstabilisable | None = None
+    for name, problem in problems.items():
+        found = solve(problem, _named(report, name))
+        if isinstance(found, Unstabilisable):
+            failure = found
+            continue
+        results[name] = found
+        if found.status is Status.INTERRUPTED:
+            break
+    if not results:
+        assert failure is not None  # noqa: S101 - every problem ended in one or the other
+        return failure
+    key = next(iter(problems.values())).objective.key
+    best = min(
+        results.values(), key=lambda r: (not r.figures.feasible, getattr(r.figures.worst, key))
+    )
+    tuned = [
+        Alternative("method", name, r.poles, r.figures, True)
+        for name, r in results.items()
+        if r is not best
+    ]
+    kept = [a for a in best.alternatives if a.kind != "method" or a.name not in results]
+    return replace(
+        best,
+        alternatives=(*kept, *tuned),
+        status=Status.INTERRUPTED
+        if any(r.status is Status.INTERRUPTED for r in results.values())
+        else best.status,
+        evaluations=sum(r.evaluations for r in results.values()),
+    )
+
+
+def _named(report: Callable[[str, float], None], name: str) -> Callable[[str, float], None]:
+    return lambda stage, done: report(f"{name}: {stage}", done)
+
+
+def _starts(problem: TuningProblem, landscape: Landscape) -> list[Any]:
+    points = starting_points(landscape)
+    if not problem.distinct:
+        return [np.log(point) for point in points]
+    zeta, omega_n = points[0]
+    spreads = ((1.0, SPREAD), (SPREAD, SPREAD), (SPREAD, 1.0), (1 / SPREAD, SPREAD))
+    return [np.log([zeta * a, omega_n * b, zeta / a, omega_n / b]) for a, b in spreads]
+
+
+def _judged(
+    search: Search, found: Candidate, interrupted: bool, report: Callable[[str, float], None]
+) -> TuneResult:
+    problem = search.problem
+    poles = problem.poles(found.x)
+    figures = judge(problem, poles)
+    baseline_poles = PoleSpec.double(*PAPER_POLES)
+    baseline = judge(problem, baseline_poles)
+    report("judging and verifying", 0.3)
+    alternatives = _alternatives(problem, poles)
+    report("judging and verifying", 0.6)
+    verification = _verify(problem, poles, figures)
+    baseline_verification = _verify(problem, baseline_poles, baseline)
+    report("judging and verifying", 1.0)
+    box = problem.box()
+    on_bound = bool(np.any(np.abs(found.x[:, None] - box) < 1e-4))
+    if interrupted:
+        status = Status.INTERRUPTED
+    elif not figures.feasible:
+        status = Status.INFEASIBLE
+    else:
+        status = Status.ON_BOUND if on_bound else Status.OPTIMAL
+    return TuneResult(
+        status=status,
+        problem=problem,
+        poles=poles,
+        design=design_at(problem, poles, 1.0),
+        figures=figures,
+        baseline=baseline,
+        verification=verification,
+        baseline_verification=baseline_verification,
+        alternatives=alternatives,
+        landscape=search.landscape,
+        evaluations=search.evaluations,
+    )
+
+
+def _verify(problem: TuningProblem, poles: PoleSpec, figures: Figures) -> Verification:
+    """Re-simulate the first case at the worst ratio with SciPy."""
+    design = design_at(problem, poles, figures.ratio)
+    scenario = scenario_at(problem, problem.cases[0], figures.ratio)
+    own = run(problem, poles, problem.cases[0], figures.ratio)
+    check = resimulate(problem.rig, design, scenario)
+    if own.metrics.crashed and check.crashed:
+        return Verification(own.value, own.value)
+    return Verification(own.value, float(getattr(check, problem.objective.key)))
+
+
+def _alternatives(problem: TuningProblem, poles: PoleSpec) -> tuple[Alternative, ...]:
+    """Return the same poles under the other equilibrium readings and discretisations."""
+    found = [
+        Alternative("equilibrium", name, poles, judge(with_reading(problem, name), poles), False)
+        for name in EQUILIBRIA
+        if name != problem.equilibrium
+    ]
+    for name in METHODS:
+        if name != problem.method:
+            other = _with_method(problem, name)
+            found.append(Alternative("method", name, poles, judge(other, poles), False))
+    return tuple(found)
+
+
+def _with_method(problem: TuningProblem, method: Method) -> TuningProblem:
+    return build_problem(
+        problem.rig,
+        objective=problem.objective.key,
+        equilibrium=problem.equilibrium,
+        method=method,
+        beta_error=problem.beta_error,
+        max_ms=problem.limits.max_ms,
+        max_noise_voltage=problem.limits.max_noise_voltage,
+        allow_saturation=problem.limits.allow_saturation,
+        scenarios="robust" if len(problem.cases) > 1 else "nominal",
+        distinct=problem.distinct,
+        zeta_bounds=tuple(problem.bounds[0]),
+        omega_bounds=tuple(problem.bounds[1]),
+        seed=problem.seed,
+    )
+
+
+def _what_would_stabilise(problem: TuningProblem) -> Unstabilisable:
+    """Return the largest period and, at the rig's period, the largest delay that could work."""
+    sampling = problem.rig.sampling
+    return Unstabilisable(
+        _largest(problem, sampling.period, lambda value: {"period": value}),
+        _largest(problem, sampling.delay, lambda value: {"delay": value}),
+    )
+
+
+def _largest(
+    problem: TuningProblem, start: float, change: Callable[[float], dict[str, float]]
+) -> float:
+    """Bisect between 0 and `start` for the largest value with a stable loop somewhere."""
+    low, high = 0.0, start
+    for _ in range(12):
+        middle = (low + high) / 2
+        if _stabilisable(problem, change(middle)):
+            low = middle
+        else:
+            high = middle
+    return low if low > 0 else math.nan
+
+
+def _stabilisable(problem: TuningProblem, change: dict[str, float]) -> bool:
+    rig = problem.rig
+    sampling = rig.sampling.model_copy(update=change)
+    moved = rig.model_copy(update={"sampling": sampling})
+    loop = loops.build_loop(moved, equilibrium=problem.equilibrium, method=problem.method)
+    zeta, omega_n = (np.geomspace(low, high, 12) for low, high in problem.bounds)
+    return any(
+        loops.spectral_radius(loop, (z, w, z, w), problem.family).value < 1
+        for z in zeta
+        for w in omega_n
+    )
+
+
+def as_json(result: TuneResult) -> dict[str, Any]:
+    """Return the result as plain data for ``--json`` and the design record."""
+    problem, figures = result.problem, result.figures
+    return {
+        "status": result.status.name.lower(),
+        "message": result.status.value,
+        "objective": problem.objective.key,
+        "equilibrium": problem.equilibrium,
+        "method": problem.method,
+        "beta_error": problem.beta_error,
+        "scenarios": "robust" if len(problem.cases) > 1 else "nominal",
+        "seed": problem.seed,
+        "bounds": {"zeta": list(problem.bounds[0]), "omega_n": list(problem.bounds[1])},
+        "zeta": result.poles.first[0],
+        "omega_n": result.poles.first[1],
+        "poles": [list(result.poles.first), list(result.poles.second)],
+        "gains": dict(zip(("k0", "k1", "k2", "k3"), result.design.gains, strict=True)),
+        "difference_equation": difference_equation(problem, result.design),
+        "worst_case": _figures(figures),
+        "nominal": figures.nominal.as_dict(),
+        "other_sign": figures.other_sign.as_dict(),
+        "baseline": {
+            "zeta": PAPER_POLES[0],
+            "omega_n": PAPER_POLES[1],
+            "worst_case": _figures(result.baseline),
+            "feasible": result.baseline.feasible,
+            "violated": [c.name for c in result.baseline.constraints if not c.satisfied],
+            "improvement": result.improvement,
+        },
+        "constraints": [
+            {"name": c.name, "unit": c.unit, "side": c.side, "limit": c.limit}
+            | {"value": c.value, "satisfied": c.satisfied}
+            for c in figures.constraints
+        ],
+        "verification": _verification(problem, result.verification)
+        | {"baseline": _verification(problem, result.baseline_verification)},
+        "alternatives": [
+            {
+                "kind": a.kind,
+                "name": a.name,
+                "tuned": a.tuned,
+                "poles": [list(a.poles.first), list(a.poles.second)],
+                "worst_case": _figures(a.figures),
+                "feasible": a.figures.feasible,
+            }
+            for a in result.alternatives
+        ],
+        "evaluations": result.evaluations,
+    }
+
+
+def difference_equation(problem: TuningProblem, design: Design) -> dict[str, Any]:
+    """Return the numbers of the difference equation, with its constants and limits."""
+    low, high = problem.rig.limits.voltage
+    return {
+        "period": problem.rig.sampling.period,
+        "Y": design.Y,
+        "U": design.believed.U,
+        "u_min": low,
+        "u_max": high,
+        **design.coefficients,
+    }
+
+
+def _figures(figures: Figures) -> dict[str, Any]:
+    return figures.worst.as_dict() | {
+        "ms": figures.ms,
+        "ms_one_more_sample": figures.ms_one_more_sample,
+        "spectral_radius": figures.radius,
+        "spectral_radius_one_more_sample": figures.radius_one_more_sample,
+        "noise_voltage": figures.noise_voltage,
+        "ratio": figures.ratio,
+    }
+
+
+def _verification(problem: TuningProblem, verification: Verification) -> dict[str, Any]:
+    return {
+        "integrator": INTEGRATOR,
+        problem.objective.key: verification.reference,
+        "relative_difference": verification.relative_difference,
+        "tolerance": VERIFICATION_TOLERANCE,
+        "passed": verification.passed,
+    }

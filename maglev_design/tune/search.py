@@ -1,0 +1,325 @@
+"""The search: a grid for the whole box, SLSQP from its best points, ratios by exchange.
+
+The worst case over the ratio interval is a semi-infinite program. It is solved by exchange: a
+finite set of (case, ratio) pairs is active; after each solution the interval is searched for a
+worse ratio, which joins the set until none is found.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize, minimize_scalar
+
+from maglev_design.design import PoleSpec
+from maglev_design.tune.problem import (
+    Case,
+    Constraint,
+    Run,
+    TuningProblem,
+    linear_constraints,
+    run,
+)
+
+Array = NDArray[np.float64]
+Pair = tuple[Case, float]
+Progress = Callable[[str, float], None]
+
+GRID = 17
+"""Points of the first grid along each of zeta and omega_n."""
+STARTS = 3
+"""Local minima of the grid from which the local solver starts."""
+SCAN = 7
+"""Ratios tried over the interval before the worst one is refined."""
+MARGIN = 1e-6
+"""Slack kept inside the local solver, so that its answer keeps the limits in spite of rounding."""
+CONVERGED = 3e-6
+"""Change of the scaled objective at which the local solver stops."""
+MOST_ITERATIONS, MOST_ROUGH_ITERATIONS = 25, 8
+"""Of the local solver; the second where a pattern search follows."""
+PATTERN_START, PATTERN_END = 0.02, 2e-4
+"""Relative steps of the pattern search that finishes where the objective is not smooth."""
+WORSE = 1e-4
+"""Relative excess by which a ratio must be worse to join the active set."""
+LOOK_BEYOND = math.log(1.5)
+"""Grid points that miss a linear limit by up to this much are simulated too, to draw the edge."""
+
+
+@dataclass(frozen=True)
+class Landscape:
+    """Objective and limits over the box of a double pole pair.
+
+    Attributes
+    ----------
+    zeta, omega_n : array, shape (n,)
+    objective : array, shape (n, n)
+        Worst case over the ends of the ratio interval; nan where the loop is unstable or far
+        outside the limits. Rows are zeta.
+    slack : dict of str to array, shape (n, n)
+        Smallest slack of each limit.
+    """
+
+    zeta: Array
+    omega_n: Array
+    objective: Array
+    slack: dict[str, Array]
+
+    @property
+    def feasible(self) -> NDArray[np.bool_]:
+        """Where every limit is kept."""
+        kept = np.all([s >= 0 for s in self.slack.values()], axis=0)
+        return np.asarray(kept & np.isfinite(self.objective))
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A point of the search and what is known of it."""
+
+    x: Array
+    value: float
+    tightest: Constraint
+
+    @property
+    def feasible(self) -> bool:
+        """Whether every limit is kept on the active set."""
+        return self.tightest.slack >= 0
+
+
+@dataclass
+class Search:
+    """The state of one search: evaluations are counted and the best feasible point is kept."""
+
+    problem: TuningProblem
+    progress: Progress
+    evaluations: int = 0
+    best: Candidate | None = None
+    landscape: Landscape | None = None
+    pairs: list[Pair] = field(default_factory=list)
+    _runs: dict[tuple[bytes, Pair, bool], Run] = field(default_factory=dict)
+    _linear: dict[bytes, tuple[Constraint, ...]] = field(default_factory=dict)
+
+    def run(self, x: Array, pair: Pair, *, gradients: bool = False) -> Run:
+        """Return one simulated loop, from memory when it was simulated before."""
+        key = (x.tobytes(), pair)
+        if (*key, gradients) not in self._runs:
+            self.evaluations += 1
+            found = run(self.problem, self.problem.poles(x), *pair, gradients=gradients)
+            self._runs[*key, gradients] = found
+            self._runs[*key, False] = found
+        return self._runs[*key, gradients]
+
+    def linear(self, x: Array) -> tuple[Constraint, ...]:
+        """Return the limits of the linearised loops at `x`."""
+        key = x.tobytes()
+        if key not in self._linear:
+            self._linear[key] = linear_constraints(self.problem, self.problem.poles(x))
+        return self._linear[key]
+
+    def candidate(self, x: Array, *, remember: bool = True) -> Candidate:
+        """Judge `x` on the active set; keep it when it is the best feasible point so far."""
+        runs = [self.run(x, pair) for pair in self.pairs]
+        limits = [*self.linear(x), *itertools.chain(*(r.constraints for r in runs))]
+        tightest = min(limits, key=lambda c: c.slack)
+        found = Candidate(x.copy(), max(r.value for r in runs), tightest)
+        if remember and found.feasible and (self.best is None or found.value < self.best.value):
+            self.best = found
+        return found
+
+
+def end_ratios(problem: TuningProblem) -> tuple[float, ...]:
+    """Return the ends of the ratio interval, once when they coincide."""
+    low, high = problem.family.ratios
+    return (low, high) if low < high else (low,)
+
+
+def explore(search: Search) -> Landscape:
+    """Evaluate the grid over the box of double pole pairs."""
+    problem = search.problem
+    zeta, omega_n = (np.geomspace(low, high, GRID) for low, high in problem.bounds)
+    objective = np.full((GRID, GRID), np.nan)
+    slack: dict[str, Array] = {}
+    pairs = [(problem.cases[0], ratio) for ratio in end_ratios(problem)]
+    for count, (i, j) in enumerate(itertools.product(range(GRID), repeat=2)):
+        poles = PoleSpec.double(float(zeta[i]), float(omega_n[j]))
+        limits = list(linear_constraints(problem, poles, refine=False))
+        stable = all(c.satisfied for c in limits if c.name in ("spectral radius", "Routh-Hurwitz"))
+        if stable and min(c.slack for c in limits) > -LOOK_BEYOND:
+            runs = [run(problem, poles, *pair) for pair in pairs]
+            search.evaluations += len(runs)
+            objective[i, j] = max(r.value for r in runs)
+            limits += itertools.chain(*(r.constraints for r in runs))
+        for limit in limits:
+            table = slack.setdefault(limit.name, np.full((GRID, GRID), np.inf))
+            table[i, j] = min(table[i, j], limit.slack)
+        search.progress("global grid", (count + 1) / GRID**2)
+    landscape = Landscape(zeta, omega_n, objective, slack)
+    search.landscape = landscape
+    return landscape
+
+
+def starting_points(landscape: Landscape) -> list[tuple[float, float]]:
+    """Return (zeta, omega_n) of the best local minima among the feasible grid points.
+
+    Without a feasible point: the one that is closest to being so.
+    """
+    feasible = landscape.feasible
+    if not feasible.any():
+        worst = np.min([np.nan_to_num(s, nan=-1e6) for s in landscape.slack.values()], axis=0)
+        worst = np.where(np.isfinite(landscape.objective), worst, worst - 10.0)
+        i, j = np.unravel_index(int(np.argmax(worst)), worst.shape)
+        return [(float(landscape.zeta[i]), float(landscape.omega_n[j]))]
+    values = np.where(feasible, landscape.objective, np.inf)
+    padded = np.pad(values, 1, constant_values=np.inf)
+    shifts = [
+        padded[1 + di : 1 + di + GRID, 1 + dj : 1 + dj + GRID]
+        for di, dj in itertools.product((-1, 0, 1), repeat=2)
+        if (di, dj) != (0, 0)
+    ]
+    lowest = feasible & (values <= np.min(shifts, axis=0))
+    order = sorted(zip(*np.nonzero(lowest), strict=True), key=lambda ij: float(values[ij]))
+    return [(float(landscape.zeta[i]), float(landscape.omega_n[j])) for i, j in order[:STARTS]]
+
+
+def stable_somewhere(landscape: Landscape) -> bool:
+    """Whether any grid point gives a stable loop over the whole family."""
+    return bool((landscape.slack["spectral radius"] > 0).any())
+
+
+def descend(search: Search, start: Array, *, feasibility: bool = False) -> Candidate:
+    """Return the local optimum near `start` on the active set.
+
+    SLSQP on the epigraph: minimise t subject to t >= J_i/J_0 and the limits. With `feasibility`
+    the limits themselves are relaxed by t instead, which is then minimised.
+    """
+    box = search.problem.box()
+    start = np.clip(start, box[:, 0], box[:, 1])
+    first = search.candidate(start)
+    scale = first.value if math.isfinite(first.value) and first.value > 0 else 1.0
+    directions = search.problem.directions
+
+    def rows(z: Array, gradients: bool) -> tuple[Array, Array]:
+        x = z[:-1]
+        runs = [search.run(x, pair, gradients=gradients) for pair in search.pairs]
+        limits = [*search.linear(x), *itertools.chain(*(r.constraints for r in runs))]
+        finite = [c for c in limits if math.isfinite(c.slack)]
+        values = [c.slack - MARGIN + (z[-1] if feasibility else 0.0) for c in finite]
+        slopes = [c.gradient for c in finite]
+        relaxed = [1.0 if feasibility else 0.0] * len(finite)
+        if not feasibility:
+            values += [z[-1] - r.value / scale for r in runs]
+            slopes += [-r.gradient / scale for r in runs]
+            relaxed += [1.0] * len(runs)
+        moved = np.array(slopes) @ directions * np.exp(x)
+        return np.array(values), np.column_stack([moved, relaxed])
+
+    t = max(0.0, -first.tightest.slack) + MARGIN if feasibility else first.value / scale
+    rough = search.problem.limits.allow_saturation
+    most = MOST_ROUGH_ITERATIONS if rough else MOST_ITERATIONS
+    selector = np.zeros(len(start) + 1)
+    selector[-1] = 1.0
+    solution = minimize(
+        lambda z: z[-1],
+        np.append(start, t),
+        jac=lambda _: selector,
+        method="SLSQP",
+        bounds=[*map(tuple, box), (-1.0 if feasibility else 0.0, None)],
+        constraints={
+            "type": "ineq",
+            "fun": lambda z: rows(z, gradients=False)[0],
+            "jac": lambda z: rows(z, gradients=True)[1],
+        },
+        options={"maxiter": most, "ftol": CONVERGED},
+        callback=lambda z: search.candidate(np.asarray(z[:-1])) and None,
+    )
+    found = search.candidate(np.clip(solution.x[:-1], box[:, 0], box[:, 1]))
+    ranked = [c for c in (found, first, search.best) if c is not None]
+    return min(ranked, key=lambda c: (max(0.0, -c.tightest.slack), c.value))
+
+
+def polish(search: Search, best: Candidate) -> Candidate:
+    """Return the best point of a shrinking pattern search around `best`.
+
+    Where the voltage saturates, the samples at which the integrator is frozen change one by one
+    with the poles and the objective has small jumps, over which no gradient leads.
+    """
+    step = PATTERN_START
+    box = search.problem.box()
+    axes = len(best.x)
+    compass = [np.array(d) for d in itertools.product((-1.0, 0.0, 1.0), repeat=2) if any(d)]
+    pads = [np.zeros((axes, 2)) for _ in range(axes // 2)]
+    for n, pad in enumerate(pads):
+        pad[2 * n : 2 * n + 2] = np.eye(2)
+    while step > PATTERN_END:
+        trials = [best.x + step * pad @ d for pad in pads for d in compass]
+        found = [search.candidate(np.clip(x, box[:, 0], box[:, 1])) for x in trials]
+        better = [c for c in found if c.feasible and c.value < best.value]
+        if better:
+            best = min(better, key=lambda c: c.value)
+        else:
+            step /= 2
+    return best
+
+
+def worst_ratio(search: Search, x: Array, case: Case) -> tuple[float, Run]:
+    """Return the ratio of the interval at which the objective is largest, and the run there."""
+    low, high = search.problem.family.ratios
+    ratios = [float(r) for r in np.linspace(low, high, SCAN)] if high > low else [low]
+    values = [search.run(x, (case, ratio)).value for ratio in ratios]
+    top = int(np.argmax(values))
+    if 0 < top < len(ratios) - 1:
+        finer = minimize_scalar(
+            lambda r: -search.run(x, (case, float(r))).value,
+            bounds=(ratios[top - 1], ratios[top + 1]),
+            method="bounded",
+            options={"xatol": 1e-4 * (high - low)},
+        )
+        if -finer.fun > values[top]:
+            return float(finer.x), search.run(x, (case, float(finer.x)))
+    return ratios[top], search.run(x, (case, ratios[top]))
+
+
+def exchange(search: Search, starts: Sequence[Array]) -> Candidate:
+    """Solve on the active set, add the worst ratios until none is worse; return the best."""
+    problem = search.problem
+    search.pairs = [(case, ratio) for case in problem.cases for ratio in end_ratios(problem)]
+    found = []
+    for count, start in enumerate(starts):
+        found.append(descend(search, start))
+        search.progress("local solver", (count + 1) / (len(starts) + 1))
+    best = min(found, key=lambda c: (max(0.0, -c.tightest.slack), c.value))
+    if not best.feasible:
+        best = descend(search, best.x, feasibility=True)
+        if not best.feasible:
+            return best
+        best = descend(search, best.x)
+    for _ in range(5):
+        added = _worse_pairs(search, best)
+        if not added:
+            break
+        search.pairs += added
+        search.best = None
+        best = descend(search, best.x)
+    if problem.limits.allow_saturation and best.feasible:
+        best = polish(search, best)
+    search.progress("local solver", 1.0)
+    return best
+
+
+def _worse_pairs(search: Search, best: Candidate) -> list[Pair]:
+    """Return the pairs outside the active set that are worse or break a limit at `best`."""
+    added: list[Pair] = []
+    low, high = search.problem.family.ratios
+    for case in search.problem.cases:
+        ratio, at = worst_ratio(search, best.x, case)
+        if at.value > best.value * (1 + WORSE):
+            added.append((case, ratio))
+        for trial in np.linspace(low, high, SCAN) if high > low else []:
+            pair = (case, float(trial))
+            if any(not c.satisfied for c in search.run(best.x, pair).constraints):
+                added.append(pair)
+    return [pair for pair in dict.fromkeys(added) if pair not in search.pairs]
