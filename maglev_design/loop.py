@@ -66,6 +66,10 @@ class Family:
     gaps: tuple[float, float]
     ratios: tuple[float, float]
 
+    def corners(self) -> tuple[Family, ...]:
+        """Return the ends of both intervals as families of one point each."""
+        return tuple(Family((gap, gap), (ratio, ratio)) for gap, ratio in self.grid(2, 2).T)
+
     def grid(self, gaps: int, ratios: int) -> Array:
         """Return the points of a grid, shape (2, n): gaps in row 0, ratios in row 1."""
         gap = np.unique(np.linspace(*self.gaps, gaps))

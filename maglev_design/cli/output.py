@@ -70,4 +70,4 @@ def number(value: float | None, unit: str = "", digits: int = 4) -> str:
     """Return a number as people write it: ``9.934e-06 m s^2``, ``5 V``, ``none``."""
     if value is None:
         return "none"
-    return f"{value:.{digits}g} {unit}".rstrip()
+    return f"{value:.{digits}g} {'' if unit == '-' else unit}".rstrip()

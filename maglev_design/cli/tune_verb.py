@@ -248,17 +248,13 @@ def _print_limits(document: dict[str, Any]) -> None:
         [
             (
                 c["name"],
-                number(c["value"], _unit(c)),
-                f"{signs[c['side']]} {number(c['limit'], _unit(c))}",
+                number(c["value"], c["unit"]),
+                f"{signs[c['side']]} {number(c['limit'], c['unit'])}",
                 "yes" if c["satisfied"] else "NO",
             )
             for c in document["constraints"]
         ],
     )
-
-
-def _unit(constraint: dict[str, Any]) -> str:
-    return "" if constraint["unit"] == "-" else str(constraint["unit"])
 
 
 def _print_alternatives(document: dict[str, Any]) -> None:

@@ -287,7 +287,11 @@ def _checked(name: str, bounds: tuple[float, float]) -> tuple[float, float]:
 def linear_constraints(
     problem: TuningProblem, poles: PoleSpec, *, refine: bool = True
 ) -> tuple[Constraint, ...]:
-    """Return the limits that the linearised loops must keep, worst over gaps and ratios."""
+    """Return the limits that the linearised loops must keep, worst over gaps and ratios.
+
+    With `refine` Ms and noise appear several times, at their worst and at every corner of the
+    family: each of these is smooth in the poles where their maximum is not.
+    """
     values, over, limits = poles.values, problem.family, problem.limits
     radius = loops.spectral_radius(problem.loop, values, over)
     hurwitz = loops.hurwitz_margin(problem.loop, values, over)
@@ -295,12 +299,14 @@ def linear_constraints(
         Constraint("spectral radius", "-", 1.0, radius.value, 1 - radius.value, -radius.gradient),
         Constraint("Routh-Hurwitz", "-", 0.0, hurwitz.value, hurwitz.value, hurwitz.gradient),
     ]
-    peak = loops.peak_sensitivity(problem.loop, values, over, refine=refine)
-    found.append(_logarithmic("Ms", "-", limits.max_ms, peak))
-    if problem.rig.noise.position > 0 and math.isfinite(limits.max_noise_voltage):
-        deviation = problem.rig.noise.position
-        noise = loops.noise_voltage(problem.loop, values, over, deviation)
-        found.append(_logarithmic("noise voltage", "V", limits.max_noise_voltage, noise))
+    deviation = problem.rig.noise.position
+    noisy = deviation > 0 and math.isfinite(limits.max_noise_voltage)
+    for part in (over, *over.corners()) if refine else (over,):
+        peak = loops.peak_sensitivity(problem.loop, values, part, refine=refine)
+        found.append(_logarithmic("Ms", "-", limits.max_ms, peak))
+        if noisy:
+            noise = loops.noise_voltage(problem.loop, values, part, deviation)
+            found.append(_logarithmic("noise voltage", "V", limits.max_noise_voltage, noise))
     return tuple(found)
 
 

@@ -194,8 +194,9 @@ def judge(problem: TuningProblem, poles: PoleSpec) -> Figures:
     )
     ratios = np.linspace(low, high, SCAN) if high > low else np.array([low])
     runs = [search.run(x, (case, float(r))) for case in problem.cases for r in ratios]
-    limits: dict[str, Constraint] = {c.name: c for c in linear_constraints(problem, poles)}
-    for limit in (c for r in (*runs, worst[1]) for c in r.constraints):
+    limits: dict[str, Constraint] = {}
+    simulated = [c for r in (*runs, worst[1]) for c in r.constraints]
+    for limit in (*linear_constraints(problem, poles), *simulated):
         if limit.name not in limits or limit.slack < limits[limit.name].slack:
             limits[limit.name] = limit
     values, over = poles.values, problem.family
@@ -302,7 +303,7 @@ def _starts(problem: TuningProblem, landscape: Landscape) -> list[Any]:
     if not problem.distinct:
         return [np.log(point) for point in points]
     zeta, omega_n = points[0]
-    spreads = ((1.0, SPREAD), (SPREAD, SPREAD), (SPREAD, 1.0), (1 / SPREAD, SPREAD))
+    spreads = ((1.0, 1.0), (SPREAD, 1.0), (SPREAD, SPREAD))
     return [np.log([zeta * a, omega_n * b, zeta / a, omega_n / b]) for a, b in spreads]
 
 

@@ -1,0 +1,1 @@
+"""What a reader gets: text, markdown, LaTeX and figures made from results, nothing computed."""
