@@ -110,10 +110,13 @@ class Response:
         At `times` [m, m/s, m].
     commanded, applied : array, shape (N,)
         Voltage computed from the sample at times[:-1], before and after the clamp [V].
+    lived : int
+        Samples up to a crash; N without one.
     metrics : Metrics
     gradients : mapping of str to array
         Sensitivities of itae, iae, ise, peak_voltage, min_voltage, min_gap and max_gap, each of
-        shape (directions,); empty unless they were asked for.
+        shape (directions,), and of the commanded voltage, shape (directions, N); empty unless
+        they were asked for.
     """
 
     times: Array
@@ -122,6 +125,7 @@ class Response:
     reference: Array
     commanded: Array
     applied: Array
+    lived: int
     metrics: Metrics
     gradients: Mapping[str, Array]
 
@@ -220,18 +224,19 @@ def _response(loop: graphs.LoopGraph, history: Array, voltages: Array, track: Ar
     times, rig = loop.times, loop.rig
     reference = reference_path(rig, times)[0]
     alive = rows["alive"] > 0
-    lived = int(alive.sum())
+    survived = int(alive.sum())
     commanded, applied = voltages[0], voltages[1]
     crash = None
     if not alive[-1]:
         where = "dropped" if rows["y"][-1] >= rig.limits.gap[1] else "magnet"
-        crash = Crash(where, float(times[lived]))
+        crash = Crash(where, float(times[survived]))
     increments, slopes = _quadrature(loop, history, track)
     ise, iae, itae = increments.sum(axis=0)
     move = (loop.ends > rig.reference.start_time) & (loop.ends <= rig.reference.end_time)
     before = loop.ends <= rig.reference.start_time
     parts = {"start": before, "move": move, "hold": ~(before | move)}
-    active = slice(0, min(lived, len(commanded)))
+    lived = min(survived, len(commanded))
+    active = slice(0, lived)
     metrics = Metrics(
         ise=float(ise),
         iae=float(iae),
@@ -249,7 +254,9 @@ def _response(loop: graphs.LoopGraph, history: Array, voltages: Array, track: Ar
     if loop.directions:
         gradients = dict(zip(graphs.METRICS, slopes, strict=True))
         gradients |= _extreme_gradients(loop, history, voltages, active)
-    return Response(times, rows["y"], rows["v"], reference, commanded, applied, metrics, gradients)
+    return Response(
+        times, rows["y"], rows["v"], reference, commanded, applied, lived, metrics, gradients
+    )
 
 
 def _quadrature(loop: graphs.LoopGraph, history: Array, track: Array) -> tuple[Array, Array]:
@@ -276,6 +283,7 @@ def _extreme_gradients(
     commanded = voltages[0][active]
     moved = voltages[2:].reshape(width, 2, -1)[:, 0]
     return {
+        "commanded": moved,
         "peak_voltage": moved[:, int(np.argmax(commanded))],
         "min_voltage": moved[:, int(np.argmin(commanded))],
         "min_gap": gap_tangent[:, int(np.argmin(gap))],

@@ -8,7 +8,7 @@ along the path. Values and exact gradients come from here; nothing here searches
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -24,6 +24,7 @@ from maglev_design.parameters import Rig
 from maglev_design.simulate import (
     LoopGraph,
     Metrics,
+    Response,
     Scenario,
     build,
     mirrored,
@@ -352,58 +353,59 @@ def run(
         tangent = pole_tangent(graph, design, problem.directions)
         response = simulate(graph, design, scenario, tangent)
         back = np.linalg.pinv(problem.directions)
-        slopes = {name: row @ back for name, row in response.gradients.items()}
+        slopes = {name: back.T @ rows for name, rows in response.gradients.items()}
     else:
         response = simulate(problem.runs, design, scenario)
-    metrics = response.metrics
     key = problem.objective.key
     return Run(
-        value=float(getattr(metrics, key)),
+        value=float(getattr(response.metrics, key)),
         gradient=slopes.get(key, np.zeros(4)),
-        constraints=_simulated_constraints(problem, metrics, slopes),
-        metrics=metrics,
+        constraints=(
+            *_gap_constraints(problem, response.metrics, slopes),
+            *_voltage_constraints(problem, response, slopes),
+        ),
+        metrics=response.metrics,
     )
 
 
-def _simulated_constraints(
+def _gap_constraints(
     problem: TuningProblem, metrics: Metrics, slopes: Mapping[str, Array]
-) -> tuple[Constraint, ...]:
-    rig = problem.rig
-    (u_low, u_high), (y_low, y_high) = rig.limits.voltage, rig.limits.gap
-    at_rest = rig.operating_point.gap
-    rows = [
-        ("smallest gap", "m", y_low, metrics.min_gap, "min_gap", at_rest, 1),
-        ("largest gap", "m", y_high, metrics.max_gap, "max_gap", at_rest, -1),
-    ]
-    if not problem.limits.allow_saturation:
-        volts = (u_high - u_low) if math.isfinite(u_high) else 1.0
-        rows += [
-            (
-                "smallest commanded voltage",
-                "V",
-                u_low,
-                metrics.min_voltage,
-                "min_voltage",
-                volts,
-                1,
-            ),
-            (
-                "largest commanded voltage",
-                "V",
-                u_high,
-                metrics.peak_voltage,
-                "peak_voltage",
-                volts,
-                -1,
-            ),
-        ]
-    found = []
-    for name, unit, limit, value, key, scale, sign in rows:
-        if math.isinf(limit):
+) -> Iterator[Constraint]:
+    low, high = problem.rig.limits.gap
+    scale = problem.rig.operating_point.gap
+    for name, limit, value, key, sign in (
+        ("smallest gap", low, metrics.min_gap, "min_gap", 1),
+        ("largest gap", high, metrics.max_gap, "max_gap", -1),
+    ):
+        if math.isfinite(limit):
+            slack = sign * (value - limit) / scale
+            slack = slack if metrics.crash is None else min(slack, -1.0)
+            gradient = sign * slopes.get(key, np.zeros(4)) / scale
+            yield Constraint(name, "m", limit, value, slack, gradient)
+
+
+def _voltage_constraints(
+    problem: TuningProblem, response: Response, slopes: Mapping[str, Array]
+) -> Iterator[Constraint]:
+    """Yield the limits of the commanded voltage at its extreme samples and their neighbours.
+
+    Which sample is the extreme one changes with the poles; each sample by itself is smooth.
+    """
+    if problem.limits.allow_saturation:
+        return
+    low, high = problem.rig.limits.voltage
+    scale = high - low if math.isfinite(high) else 1.0
+    lived = response.commanded[: response.lived]
+    for name, limit, at, sign in (
+        ("smallest commanded voltage", low, int(np.argmin(lived)), 1),
+        ("largest commanded voltage", high, int(np.argmax(lived)), -1),
+    ):
+        if not math.isfinite(limit):
             continue
-        slack = sign * (value - limit) / scale
-        if unit == "m" and metrics.crash is not None:
-            slack = min(slack, -1.0)
-        gradient = sign * slopes.get(key, np.zeros(4)) / scale
-        found.append(Constraint(name, unit, limit, value, slack, gradient))
-    return tuple(found)
+        first = max(min(at - 1, len(lived) - 3), 0)
+        for k in (min(first + n, len(lived) - 1) for n in range(3)):
+            value = float(lived[k])
+            gradient = slopes["commanded"][:, k] if slopes else np.zeros(4)
+            yield Constraint(
+                name, "V", limit, value, sign * (value - limit) / scale, sign * gradient / scale
+            )

@@ -206,10 +206,9 @@ def descend(search: Search, start: Array, *, feasibility: bool = False) -> Candi
         x = z[:-1]
         runs = [search.run(x, pair, gradients=gradients) for pair in search.pairs]
         limits = [*search.linear(x), *itertools.chain(*(r.constraints for r in runs))]
-        finite = [c for c in limits if math.isfinite(c.slack)]
-        values = [c.slack - MARGIN + (z[-1] if feasibility else 0.0) for c in finite]
-        slopes = [c.gradient for c in finite]
-        relaxed = [1.0 if feasibility else 0.0] * len(finite)
+        values, slopes = _without_repetitions(limits)
+        relaxed = [1.0 if feasibility else 0.0] * len(limits)
+        values = [v - MARGIN + relaxed[0] * z[-1] for v in values]
         if not feasibility:
             values += [z[-1] - r.value / scale for r in runs]
             slopes += [-r.gradient / scale for r in runs]
@@ -238,14 +237,34 @@ def descend(search: Search, start: Array, *, feasibility: bool = False) -> Candi
     )
     found = search.candidate(np.clip(solution.x[:-1], box[:, 0], box[:, 1]))
     ranked = [c for c in (found, first, search.best) if c is not None]
-    return min(ranked, key=lambda c: (max(0.0, -c.tightest.slack), c.value))
+    best = min(ranked, key=lambda c: (max(0.0, -c.tightest.slack), c.value))
+    if feasibility or not best.feasible or (solution.success and not rough):
+        return best
+    return polish(search, best)
+
+
+def _without_repetitions(limits: Sequence[Constraint]) -> tuple[list[float], list[Array]]:
+    """Return slacks and gradients; what repeats an earlier limit, or is none, becomes neutral.
+
+    A limit is listed at its worst and at the corners, and the two may coincide; equal rows would
+    make the solver's quadratic program singular, a varying number of rows would confuse it.
+    """
+    seen: set[tuple[str, float]] = set()
+    values, slopes = [], []
+    for limit in limits:
+        counts = math.isfinite(limit.slack) and (limit.name, limit.value) not in seen
+        seen.add((limit.name, limit.value))
+        values.append(limit.slack if counts else 1.0)
+        slopes.append(limit.gradient if counts else np.zeros(4))
+    return values, slopes
 
 
 def polish(search: Search, best: Candidate) -> Candidate:
     """Return the best point of a shrinking pattern search around `best`.
 
-    Where the voltage saturates, the samples at which the integrator is frozen change one by one
-    with the poles and the objective has small jumps, over which no gradient leads.
+    For where no gradient leads: the line search of the local solver got stuck at a kink of a
+    limit, or the voltage saturates; then the samples at which the integrator is frozen change one
+    by one with the poles and the objective has small jumps.
     """
     step = PATTERN_START
     box = search.problem.box()
@@ -304,8 +323,6 @@ def exchange(search: Search, starts: Sequence[Array]) -> Candidate:
         search.pairs += added
         search.best = None
         best = descend(search, best.x)
-    if problem.limits.allow_saturation and best.feasible:
-        best = polish(search, best)
     search.progress("local solver", 1.0)
     return best
 
