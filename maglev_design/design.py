@@ -213,7 +213,7 @@ def plant_beta(rig: Rig) -> float:
     --------
     >>> from maglev_design.parameters import load_rig
     >>> round(plant_beta(load_rig("belmonte2021")), 8)
-    0.00136883
+    0.00136884
     """
     plant = rig.plant
     (value,) = _beta_program().scalar()(plant.mass, plant.current_gain, plant.force_constant)

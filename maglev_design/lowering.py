@@ -5,7 +5,7 @@ fixed order, common subexpressions shared, integer powers as products, rational 
 correctly rounded. Every back end performs those same operations in that same order, so that in
 IEEE double precision they agree to the last bit (C compiled with ``-ffp-contract=off``), except
 for ``exp``, ``sinh``, ``cosh``, ``sin`` and ``cos``, which each language has from a library of its
-own.
+own, and for min and max of nan or of zeros of both signs.
 """
 
 from __future__ import annotations
@@ -82,8 +82,19 @@ class Program:
         return [slots[position] for position in self.results]
 
     def casadi(self, *values: Any) -> list[Any]:
-        """Return the outputs as CasADi expressions of the given CasADi `values`."""
-        return self.evaluate(_casadi_operators(), *values)
+        """Return the outputs as CasADi expressions of the given CasADi `values`.
+
+        CasADi's own simplifications, (a b)/b to a and the like, are off meanwhile: they round
+        otherwise than the other back ends.
+        """
+        import casadi as ca  # noqa: PLC0415 - heavy, and only this back end needs it
+
+        before = ca.GlobalOptions.getSimplificationOnTheFly()
+        ca.GlobalOptions.setSimplificationOnTheFly(False)
+        try:
+            return self.evaluate(_casadi_operators(), *values)
+        finally:
+            ca.GlobalOptions.setSimplificationOnTheFly(before)
 
     def numpy(self) -> Callable[..., list[Any]]:
         """Return a callable for scalars and broadcasting arrays."""
@@ -283,7 +294,10 @@ def _is_inverse(x: Any) -> bool:
 
 
 def _rounded(x: Any) -> float:
-    return float(Fraction(int(x.p), int(x.q)))
+    try:
+        return float(Fraction(int(x.p), int(x.q)))
+    except OverflowError as error:
+        raise ValueError("a constant is too large for double precision") from error
 
 
 _NUMPY_OPERATORS: Mapping[str, Callable[..., Any]] = {

@@ -289,10 +289,10 @@ def _step(
     state_in = ca.vertcat(*x.values())
     track: list[Any] = []
     if method is None:
+        commanded = stepper.command(x, 0)
         for n in range(total):
             x = stepper.continuous(x, n)
             track.append((x["y"], x["v"]))
-        commanded = stepper.command(x, -1)
         applied = ca.fmin(ca.fmax(commanded, q["u_min"]), q["u_max"])
     else:
         controller = {**q, **x, "y": x["y"] + noise[1], "y_ref": rows[0, 0], "acc_ref": rows[0, 2]}
@@ -370,7 +370,8 @@ class _Stepper:
         low, high = self.q["gap_low"], self.q["gap_high"]
         alive = x["alive"] * (moved["y"] > low) * (moved["y"] < high)
         y = ca.if_else(x["alive"], ca.fmin(ca.fmax(moved["y"], low), high), x["y"])
-        return {**x, **moved, "y": y, "v": ca.if_else(alive, moved["v"], 0), "alive": alive}
+        kept = {name: ca.if_else(alive, value, x[name]) for name, value in moved.items()}
+        return {**x, **kept, "y": y, "v": ca.if_else(alive, moved["v"], 0), "alive": alive}
 
 
 def _runge_kutta(rates: Any, z: Any, h: Any) -> Any:

@@ -84,12 +84,12 @@ def resimulate(rig: Rig, design: designs.Design, scenario: Scenario) -> Check:
 def _integrator(rig: Rig, beta: float) -> Any:
     gravity, offset = rig.plant.gravity, rig.plant.gap_offset
     acceleration = acceleration_program().scalar()
-    path = rig.reference
+    path, floor = rig.reference, contact_gap(rig) / 2  # a ball that has crashed meets no pole
     reference = designs.reference_program().scalar()
     ends = (path.start_gap, path.end_gap, path.start_time, path.end_time)
 
     def rates(t: float, x: Any, voltage: float) -> list[float]:
-        (pull,) = acceleration(gravity, beta, offset, x[0], voltage)
+        (pull,) = acceleration(gravity, beta, offset, max(x[0], floor), voltage)
         error = abs(x[0] - reference(t, *ends)[0])
         ise, iae, itae = SCALES
         return [x[1], pull, ise * error * error, iae * error, itae * t * error]

@@ -110,13 +110,10 @@ class Response:
         At `times` [m, m/s, m].
     commanded, applied : array, shape (N,)
         Voltage computed from the sample at times[:-1], before and after the clamp [V].
-    lived : int
-        Samples up to a crash; N without one.
     metrics : Metrics
     gradients : mapping of str to array
         Sensitivities of itae, iae, ise, peak_voltage, min_voltage, min_gap and max_gap, each of
-        shape (directions,), and of the commanded voltage, shape (directions, N); empty unless
-        they were asked for.
+        shape (directions,); empty unless they were asked for.
     """
 
     times: Array
@@ -125,7 +122,6 @@ class Response:
     reference: Array
     commanded: Array
     applied: Array
-    lived: int
     metrics: Metrics
     gradients: Mapping[str, Array]
 
@@ -141,10 +137,12 @@ def mirrored(rig: Rig, scenario: Scenario) -> Scenario:
     return replace(scenario, initial_gap=2 * start - scenario.initial_gap)
 
 
-def parameter_vector(loop: graphs.LoopGraph, design: Design, scenario: Scenario) -> Array:
+def parameter_vector(
+    loop: graphs.LoopGraph, design: Design, scenario: Scenario, *, clamped: bool = True
+) -> Array:
     """Return the numbers of `loop.parameter_names` for one controller on one plant."""
     rig = loop.rig
-    low, high = rig.limits.voltage
+    low, high = rig.limits.voltage if clamped else (-math.inf, math.inf)
     values = {
         "Y": design.Y,
         "U": design.believed.U,
@@ -190,7 +188,12 @@ def noise_samples(rig: Rig, scenario: Scenario, steps: int) -> Array | ca.DM:
 
 
 def simulate(
-    loop: graphs.LoopGraph, design: Design, scenario: Scenario, tangent: Array | None = None
+    loop: graphs.LoopGraph,
+    design: Design,
+    scenario: Scenario,
+    tangent: Array | None = None,
+    *,
+    clamped: bool = True,
 ) -> Response:
     """Run one closed loop with the interpreted back end.
 
@@ -203,11 +206,13 @@ def simulate(
     tangent : array, shape (n_parameters, directions), optional
         Derivative of the parameter vector, as :func:`pole_tangent` gives it; needs a loop built
         with as many directions.
+    clamped : bool
+        False takes the actuator's clamp away, for a search that must look beyond it.
     """
     steps = len(loop.times) - 1
     size, width = len(loop.state_names), loop.directions
     state = start_state(loop, design, scenario)
-    vector = parameter_vector(loop, design, scenario)
+    vector = parameter_vector(loop, design, scenario, clamped=clamped)
     if width:
         seed = np.zeros((len(vector), width)) if tangent is None else tangent
         state = np.concatenate([state, np.zeros(size * width)])
@@ -235,8 +240,7 @@ def _response(loop: graphs.LoopGraph, history: Array, voltages: Array, track: Ar
     move = (loop.ends > rig.reference.start_time) & (loop.ends <= rig.reference.end_time)
     before = loop.ends <= rig.reference.start_time
     parts = {"start": before, "move": move, "hold": ~(before | move)}
-    lived = min(survived, len(commanded))
-    active = slice(0, lived)
+    active = slice(0, min(survived, len(commanded)))
     metrics = Metrics(
         ise=float(ise),
         iae=float(iae),
@@ -254,9 +258,7 @@ def _response(loop: graphs.LoopGraph, history: Array, voltages: Array, track: Ar
     if loop.directions:
         gradients = dict(zip(graphs.METRICS, slopes, strict=True))
         gradients |= _extreme_gradients(loop, history, voltages, active)
-    return Response(
-        times, rows["y"], rows["v"], reference, commanded, applied, lived, metrics, gradients
-    )
+    return Response(times, rows["y"], rows["v"], reference, commanded, applied, metrics, gradients)
 
 
 def _quadrature(loop: graphs.LoopGraph, history: Array, track: Array) -> tuple[Array, Array]:
@@ -283,7 +285,6 @@ def _extreme_gradients(
     commanded = voltages[0][active]
     moved = voltages[2:].reshape(width, 2, -1)[:, 0]
     return {
-        "commanded": moved,
         "peak_voltage": moved[:, int(np.argmax(commanded))],
         "min_voltage": moved[:, int(np.argmin(commanded))],
         "min_gap": gap_tangent[:, int(np.argmin(gap))],
@@ -318,9 +319,9 @@ def pole_tangent(loop: graphs.LoopGraph, design: Design, directions: Array) -> A
     rig = loop.rig
     believed = design.believed
     fixed = [believed.C_U, believed.C_Y, rig.sampling.period, *rig.limits.voltage]
-    slopes = _pole_jacobian(loop.method)(design.poles.values, fixed).full() @ directions
-    # An unlimited voltage makes the integrator's bound infinite, and its slope 0 times infinity.
-    return np.asarray(np.where(np.isfinite(slopes), slopes, 0.0))
+    slopes = _pole_jacobian(loop.method)(design.poles.values, fixed).full()
+    # An unlimited voltage makes the integrator's bound infinite, and its slope, too.
+    return np.asarray(np.where(np.isfinite(slopes), slopes, 0.0) @ directions)
 
 
 def error_bounds(

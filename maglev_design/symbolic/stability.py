@@ -74,6 +74,9 @@ def routh_hurwitz(coefficients: Sequence[Expr]) -> tuple[Expr, ...]:
     lower = [sp.sympify(c) for c in coefficients[1::2]]
     conditions, divisors = [lower[0]], [sp.Integer(1), sp.Integer(1)]
     for _ in range(len(coefficients) - 2):
+        if conditions[-1].is_zero:  # not stable, and the rows below would divide by it
+            conditions.append(sp.Integer(0))
+            continue
         padded = [*lower, *([sp.Integer(0)] * (len(upper) - len(lower)))]
         following = [
             sp.cancel((lower[0] * upper[j + 1] - upper[0] * padded[j + 1]) / divisors[-2])
@@ -88,8 +91,9 @@ def routh_hurwitz(coefficients: Sequence[Expr]) -> tuple[Expr, ...]:
 def stability_condition() -> Expr:
     """Return rho (omega_n^2 + C_Y^) - C_Y' - omega_n^2/(4 zeta^2 + 1) for the gains (25).
 
-    The loop is stable iff it is positive: of the Routh-Hurwitz conditions with a double pole
-    pair it is the one that the others follow from (tested against the roots).
+    The loop is stable iff it is positive: with the gains (25) the Hurwitz determinants are
+    D1 = k3, D2 = rho (k3 k2 - k1), D3 = D1 D2 times this condition and D4 = rho k0 D3, each proved
+    in the derivation (equation A7-general).
     """
     pair = (p.zeta, p.omega_n)
     gains = match_coefficients(pole_pairs_polynomial([pair, pair]), 4)

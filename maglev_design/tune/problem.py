@@ -24,7 +24,6 @@ from maglev_design.parameters import Rig
 from maglev_design.simulate import (
     LoopGraph,
     Metrics,
-    Response,
     Scenario,
     build,
     mirrored,
@@ -342,27 +341,37 @@ def scenario_at(problem: TuningProblem, case: Case, ratio: float) -> Scenario:
 
 
 def run(
-    problem: TuningProblem, poles: PoleSpec, case: Case, ratio: float, *, gradients: bool = False
+    problem: TuningProblem,
+    poles: PoleSpec,
+    case: Case,
+    ratio: float,
+    *,
+    gradients: bool = False,
+    clamped: bool = True,
 ) -> Run:
-    """Simulate one case at one ratio; with `gradients` by the poles, too."""
+    """Simulate one case at one ratio; with `gradients` by the poles, too.
+
+    Without the clamp (``clamped=False``) the objective goes on smoothly where a design commands
+    more than the actuator has; where the limits are kept it makes no difference.
+    """
     design = design_at(problem, poles, ratio)
     scenario = scenario_at(problem, case, ratio)
     slopes: dict[str, Array] = {}
     if gradients:
         graph = problem.tangent_runs
         tangent = pole_tangent(graph, design, problem.directions)
-        response = simulate(graph, design, scenario, tangent)
+        response = simulate(graph, design, scenario, tangent, clamped=clamped)
         back = np.linalg.pinv(problem.directions)
         slopes = {name: back.T @ rows for name, rows in response.gradients.items()}
     else:
-        response = simulate(problem.runs, design, scenario)
+        response = simulate(problem.runs, design, scenario, clamped=clamped)
     key = problem.objective.key
     return Run(
         value=float(getattr(response.metrics, key)),
         gradient=slopes.get(key, np.zeros(4)),
         constraints=(
             *_gap_constraints(problem, response.metrics, slopes),
-            *_voltage_constraints(problem, response, slopes),
+            *_voltage_constraints(problem, response.metrics, slopes),
         ),
         metrics=response.metrics,
     )
@@ -385,27 +394,18 @@ def _gap_constraints(
 
 
 def _voltage_constraints(
-    problem: TuningProblem, response: Response, slopes: Mapping[str, Array]
+    problem: TuningProblem, metrics: Metrics, slopes: Mapping[str, Array]
 ) -> Iterator[Constraint]:
-    """Yield the limits of the commanded voltage at its extreme samples and their neighbours.
-
-    Which sample is the extreme one changes with the poles; each sample by itself is smooth.
-    """
+    """Yield the limits of the commanded voltage at its extreme samples."""
     if problem.limits.allow_saturation:
         return
     low, high = problem.rig.limits.voltage
     scale = high - low if math.isfinite(high) else 1.0
-    lived = response.commanded[: response.lived]
-    for name, limit, at, sign in (
-        ("smallest commanded voltage", low, int(np.argmin(lived)), 1),
-        ("largest commanded voltage", high, int(np.argmax(lived)), -1),
+    for name, limit, value, key, sign in (
+        ("smallest commanded voltage", low, metrics.min_voltage, "min_voltage", 1),
+        ("largest commanded voltage", high, metrics.peak_voltage, "peak_voltage", -1),
     ):
-        if not math.isfinite(limit):
-            continue
-        first = max(min(at - 1, len(lived) - 3), 0)
-        for k in (min(first + n, len(lived) - 1) for n in range(3)):
-            value = float(lived[k])
-            gradient = slopes["commanded"][:, k] if slopes else np.zeros(4)
-            yield Constraint(
-                name, "V", limit, value, sign * (value - limit) / scale, sign * gradient / scale
-            )
+        if math.isfinite(limit):
+            slack = sign * (value - limit) / scale
+            gradient = sign * slopes.get(key, np.zeros(4)) / scale
+            yield Constraint(name, "V", limit, value, slack, gradient)

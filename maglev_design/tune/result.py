@@ -186,7 +186,7 @@ class Unstabilisable:
 
 def judge(problem: TuningProblem, poles: PoleSpec) -> Figures:
     """Return the figures of `poles` over the ratio interval, every limit at its worst."""
-    search = Search(problem, lambda *_: None)
+    search = Search(problem, lambda *_: None, clamped=True)
     x = np.log(poles.values if problem.distinct else poles.first)
     low, high = problem.family.ratios
     worst = max(
@@ -241,7 +241,7 @@ def solve(
     passed on when there is none yet.
     """
     report = progress or (lambda *_: None)
-    search = Search(problem, report)
+    search = Search(problem, report, clamped=problem.limits.allow_saturation)
     interrupted = False
     try:
         landscape = explore(search)

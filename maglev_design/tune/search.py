@@ -36,8 +36,8 @@ STARTS = 3
 """Local minima of the grid from which the local solver starts."""
 SCAN = 7
 """Ratios tried over the interval before the worst one is refined."""
-MARGIN = 1e-6
-"""Slack kept inside the local solver, so that its answer keeps the limits in spite of rounding."""
+MARGIN = 1e-5
+"""Slack kept inside the local solver: more than it may violate a limit by when it has converged."""
 CONVERGED = 3e-6
 """Change of the scaled objective at which the local solver stops."""
 MOST_ITERATIONS, MOST_ROUGH_ITERATIONS = 25, 8
@@ -96,6 +96,7 @@ class Search:
 
     problem: TuningProblem
     progress: Progress
+    clamped: bool
     evaluations: int = 0
     best: Candidate | None = None
     landscape: Landscape | None = None
@@ -108,7 +109,8 @@ class Search:
         key = (x.tobytes(), pair)
         if (*key, gradients) not in self._runs:
             self.evaluations += 1
-            found = run(self.problem, self.problem.poles(x), *pair, gradients=gradients)
+            poles = self.problem.poles(x)
+            found = run(self.problem, poles, *pair, gradients=gradients, clamped=self.clamped)
             self._runs[*key, gradients] = found
             self._runs[*key, False] = found
         return self._runs[*key, gradients]
@@ -238,9 +240,8 @@ def descend(search: Search, start: Array, *, feasibility: bool = False) -> Candi
     found = search.candidate(np.clip(solution.x[:-1], box[:, 0], box[:, 1]))
     ranked = [c for c in (found, first, search.best) if c is not None]
     best = min(ranked, key=lambda c: (max(0.0, -c.tightest.slack), c.value))
-    if feasibility or not best.feasible or (solution.success and not rough):
-        return best
-    return polish(search, best)
+    converged = solution.success and best is found and not rough
+    return best if feasibility or converged or not best.feasible else polish(search, best)
 
 
 def _without_repetitions(limits: Sequence[Constraint]) -> tuple[list[float], list[Array]]:

@@ -1,0 +1,251 @@
+from __future__ import annotations
+
+import dataclasses
+import math
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+import reference
+from hypothesis import given
+from hypothesis import strategies as st
+from rigs import MINIMAL, OFFSET, SHORT, rig_with
+from scipy.signal import cont2discrete
+
+from maglev_design import design as designs
+from maglev_design.choices import EQUILIBRIA, METHODS, Equilibrium, Method
+from maglev_design.design import PoleSpec
+from maglev_design.errors import InputError
+from maglev_design.parameters import Rig
+
+ROUNDING = 1e-12
+EXPONENTIAL = 1e-10
+"""scipy's numerical matrix exponential, and partial fractions with k1 - k2 k3 - k0/k3."""
+POINTS = 7
+
+FACTORS = [0.85, 1.0, 1.15]
+
+
+def beta_of(rig: Rig) -> float:
+    plant = rig.plant
+    return plant.force_constant * plant.current_gain**2 / plant.mass
+
+
+# --- poles ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, math.nan, math.inf])
+@pytest.mark.parametrize("place", range(4))
+def test_poles_that_are_not_positive_are_refused(bad: float, place: int) -> None:
+    values = [1.0, 70.0, 1.0, 70.0]
+    values[place] = bad
+    with pytest.raises(InputError, match=rf"{('zeta', 'omega_n')[place % 2]} = .*greater than 0"):
+        PoleSpec((values[0], values[1]), (values[2], values[3]))
+
+
+def test_a_double_pair_is_two_equal_pairs() -> None:
+    assert PoleSpec.double(0.9, 104).values == (0.9, 104.0, 0.9, 104.0)
+    assert all(isinstance(v, float) for v in PoleSpec.double(1, 70).values)
+
+
+# --- timing --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("period", "delay", "whole", "part", "held"),
+    [
+        (0.001, 0.0, 0, 0.0, 0),
+        (0.001, 0.0003, 0, 0.0003, 1),
+        (0.001, 0.001, 1, 0.0, 1),
+        (0.001, 0.0017, 1, 0.0007, 2),
+        (0.001, 0.003, 3, 0.0, 3),
+        (0.0001, 0.0003, 3, 0.0, 3),
+        (0.1, 0.3, 3, 0.0, 3),
+        (0.007, 0.07, 10, 0.0, 10),
+    ],
+)
+def test_a_delay_is_whole_periods_and_a_part(
+    period: float, delay: float, whole: int, part: float, held: int
+) -> None:
+    assert designs.timing(period, delay) == designs.Timing(whole, part, held)
+
+
+@given(st.integers(1, 10**6), st.integers(0, 10**6))
+def test_decimals_are_divided_as_decimals(period: int, delay: int) -> None:
+    when = designs.timing(period / 10**6, delay / 10**6)
+    assert when.whole == delay // period
+    assert when.part == float(Fraction(delay % period, 10**6))
+    assert when.held == -(-delay // period)
+
+
+# --- the rig's own numbers -----------------------------------------------------------------
+
+
+def test_the_paper_s_rig_has_the_paper_s_beta_and_voltage(paper_rig: Rig) -> None:
+    assert round(designs.plant_beta(paper_rig), 8) == reference.BETA
+    believed = designs.believed_equilibrium(
+        paper_rig, "model", designs.plant_beta(paper_rig), math.nan
+    )
+    assert round(believed.U, 4) == reference.EQUILIBRIUM_VOLTAGE
+    assert (paper_rig.operating_point.gap, designs.PAPER_POLES) == (
+        reference.EQUILIBRIUM_GAP,
+        reference.POLES,
+    )
+
+
+@pytest.mark.parametrize("data", [SHORT, OFFSET], ids=["paper", "offset"])
+def test_the_true_equilibrium_is_that_of_the_force_law(data: dict[str, Any]) -> None:
+    rig = rig_with(data)
+    beta, g, y0 = beta_of(rig), rig.plant.gravity, rig.plant.gap_offset
+    assert designs.plant_beta(rig) == pytest.approx(beta, rel=ROUNDING)
+    for gap in (0.006, 0.012, 0.02):
+        here = designs.true_equilibrium(rig, beta, gap)
+        U = math.sqrt(g / beta) * (gap + y0)
+        expected = (U, 2 * beta * U / (gap + y0) ** 2, 2 * beta * U**2 / (gap + y0) ** 3)
+        assert dataclasses.astuple(here) == pytest.approx(expected, rel=ROUNDING)
+
+
+def readings(rig: Rig, beta_c: float, voltage: float) -> dict[Equilibrium, tuple[float, ...]]:
+    """Return (U, C_U, C_Y) of the three readings as documented, Z = Y + y0."""
+    g, Z = rig.plant.gravity, rig.operating_point.gap + rig.plant.gap_offset
+    U = math.sqrt(g / beta_c) * Z
+    return {
+        "model": (U, 2 * g / U, 2 * g / Z),
+        "appendix-a": (voltage, 2 * beta_c * voltage / Z**2, 2 * beta_c * voltage**2 / Z**3),
+        "measured": (voltage, 2 * g / voltage, 2 * g / Z),
+    }
+
+
+@pytest.mark.parametrize("equilibrium", EQUILIBRIA)
+@pytest.mark.parametrize("factor", FACTORS)
+@pytest.mark.parametrize("measured", [None, 3.3])
+def test_the_controller_believes_what_its_reading_says(
+    equilibrium: Equilibrium, factor: float, measured: float | None
+) -> None:
+    rig = rig_with(OFFSET, {"operating_point.voltage": measured} if measured else {})
+    beta_c, beta_plant = beta_of(rig), beta_of(rig) / factor
+    Z = rig.operating_point.gap + rig.plant.gap_offset
+    voltage = measured or math.sqrt(rig.plant.gravity / beta_plant) * Z
+    believed = designs.believed_equilibrium(rig, equilibrium, beta_c, beta_plant)
+    expected = readings(rig, beta_c, voltage)[equilibrium]
+    assert dataclasses.astuple(believed) == pytest.approx(expected, rel=ROUNDING)
+
+
+# --- a whole design ------------------------------------------------------------------------
+
+SCIPY_NAME = {"tustin": "bilinear", "euler": "euler", "zoh": "zoh"}
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("equilibrium", EQUILIBRIA)
+def test_a_design_holds_the_difference_equation_that_its_numbers_give(
+    method: Method, equilibrium: Equilibrium
+) -> None:
+    rig = rig_with(OFFSET)
+    poles = PoleSpec((0.8, 90.0), (1.3, 120.0))
+    beta_plant = beta_of(rig) / 1.1
+    design = designs.make_design(
+        rig, poles, equilibrium=equilibrium, method=method, beta_plant=beta_plant
+    )
+    assert (design.method, design.equilibrium, design.poles) == (method, equilibrium, poles)
+    assert rig.operating_point.gap == design.Y
+    quartic = np.polymul([1, 2 * 0.8 * 90, 90**2], [1, 2 * 1.3 * 120, 120**2])
+    assert design.gains == pytest.approx(tuple(quartic[:0:-1]), rel=ROUNDING)
+    k0, k1, k2, k3 = design.gains
+    Z = rig.operating_point.gap + rig.plant.gap_offset
+    voltage = math.sqrt(rig.plant.gravity / beta_plant) * Z
+    U, c_u, c_y = readings(rig, beta_of(rig), voltage)[equilibrium]
+    assert pytest.approx(U, rel=ROUNDING) == design.believed.U
+    through = (k2 + c_y) / c_u
+    outputs = np.array([[k0 / k3, k1 - k2 * k3 - k0 / k3]]) / c_u
+    (a, b, c, d, _) = cont2discrete(
+        (np.diag([0.0, -k3]), np.ones((2, 1)), outputs, np.array([[through]])),
+        rig.sampling.period,
+        SCIPY_NAME[method],
+    )
+    low, high = rig.limits.voltage
+    expected = {
+        "a22": a[1, 1],
+        "b1": b[0, 0],
+        "b2": b[1, 0],
+        "c1": c[0, 0],
+        "c2": c[0, 1],
+        "d": d[0, 0],
+        "f_y": c_y / c_u,
+        "f_a": -1 / c_u,
+        "x1_max": (high - low) / c[0, 0],
+    }
+    got = dict(design.coefficients)
+    for name in set(got) - set(expected):  # entries that scipy has, too
+        row, column = int(name[1]) - 1, int(name[2]) - 1
+        assert name[0] == "a"
+        expected[name] = a[row, column]
+    assert got == pytest.approx({name: expected[name] for name in got}, rel=EXPONENTIAL)
+    assert {"c1", "c2", "d", "f_y", "f_a", "x1_max"} <= set(got)
+
+
+def test_the_paper_s_design_has_the_paper_s_gains(paper_rig: Rig) -> None:
+    design = designs.make_design(paper_rig, PoleSpec.double(*reference.POLES))
+    assert design.gains == reference.GAINS
+    assert (design.method, design.equilibrium) == ("tustin", "model")
+
+
+def test_without_an_upper_limit_the_integrator_is_unbounded() -> None:
+    design = designs.make_design(rig_with(MINIMAL), PoleSpec.double(1, 70))
+    assert design.coefficients["x1_max"] == math.inf
+    assert all(math.isfinite(x) for n, x in design.coefficients.items() if n != "x1_max")
+
+
+def test_the_controller_s_beta_is_a_choice() -> None:
+    rig = rig_with(SHORT)
+    own = designs.make_design(rig, PoleSpec.double(1, 70))
+    other = designs.make_design(rig, PoleSpec.double(1, 70), beta_c=1.21 * beta_of(rig))
+    assert pytest.approx(own.believed.U / 1.1, rel=ROUNDING) == other.believed.U
+    assert other.gains == own.gains
+
+
+# --- the path ------------------------------------------------------------------------------
+
+
+def test_the_gaps_of_the_path_include_the_start_and_the_working_point() -> None:
+    rig = rig_with(SHORT, {"initial.gap": 0.03, "reference.end_gap": 0.015})
+    gaps = designs.path_gaps(rig, POINTS)
+    assert (gaps[0], gaps[-1], len(gaps)) == (0.015, 0.03, POINTS)
+    hold = designs.path_gaps(rig_with(MINIMAL), POINTS)
+    assert hold.tolist() == [MINIMAL["operating_point"]["gap"]]
+
+
+def test_a_rig_that_holds_has_a_constant_path() -> None:
+    times = np.linspace(0, 1, POINTS)
+    gap, velocity, acceleration = designs.reference_path(rig_with(MINIMAL), times)
+    assert (gap == MINIMAL["operating_point"]["gap"]).all()
+    assert not velocity.any()
+    assert not acceleration.any()
+
+
+SLOW = {"reference.end_time": 9.0, "reference.horizon": 9.5}
+"""So slow a move that U = sqrt(g/beta) y = 84.655 V/m y all along it."""
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"limits.voltage": [0.0, 2.0], **SLOW}, ["needs 2.066 V", "the most", "0.0244 m"]),
+        ({"limits.voltage": [1.9, 5.0], **SLOW}, ["needs 1.693 V", "the least", "0.02 m"]),
+        ({"initial.gap": 0.045, "limits.voltage": [0.0, 3.0]}, ["needs 3.81 V", "0.045 m"]),
+        ({"plant.mass": 20.0}, ["limits.voltage", "kg"]),
+        ({"reference.end_time": 0.115}, ["reference", "gravity, 9.81 m/s^2", "more time"]),
+    ],
+)
+def test_a_path_that_the_actuator_cannot_follow_is_refused(
+    changes: dict[str, Any], words: list[str]
+) -> None:
+    with pytest.raises(InputError) as caught:
+        designs.check_path_voltage(rig_with(SHORT, changes))
+    assert [word for word in words if word not in str(caught.value)] == []
+
+
+def test_a_path_that_the_actuator_can_follow_passes() -> None:
+    for data in (MINIMAL, SHORT, OFFSET):
+        designs.check_path_voltage(rig_with(data))

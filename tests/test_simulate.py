@@ -1,0 +1,540 @@
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+import reference
+from numpy.typing import NDArray
+from rigs import MINIMAL, OFFSET, SHORT, rig_with
+
+from maglev_design.choices import EQUILIBRIA, METHODS, Equilibrium, Method
+from maglev_design.design import Design, PoleSpec, make_design, plant_beta, reference_path
+from maglev_design.parameters import Rig
+from maglev_design.simulate import (
+    Crash,
+    LoopGraph,
+    Response,
+    Scenario,
+    build,
+    error_bounds,
+    mirrored,
+    nominal_scenario,
+    pole_tangent,
+    resimulate,
+    simulate,
+)
+from maglev_design.simulate.graph import contact_gap
+
+FIGURES = ("ise", "iae", "itae")
+RIGS = {"paper": SHORT, "offset": OFFSET}
+
+INDEPENDENT = 1e-6
+"""Relative: RK4 leaves some 1e-8 at its default step, DOP853 about as much at kinks of |e|."""
+INDEPENDENT_NOISE = 1e-5
+"""Relative: with noise |e| has a kink at every sign change, on which DOP853 spends its accuracy."""
+SAME_SAMPLES = 1e-9
+"""Relative, for a voltage computed from samples of two integrators."""
+
+
+def design_of(rig: Rig, zeta: float = 1.0, omega: float = 70.0, **options: Any) -> Design:
+    return make_design(rig, PoleSpec.double(zeta, omega), **options)
+
+
+def fastest_of(design: Design) -> float:
+    return max(design.gains[3], *design.poles.values[1::2])
+
+
+def loop_of(
+    rig: Rig, design: Design, *, continuous: bool = False, refine: int = 1, directions: int = 0
+) -> LoopGraph:
+    if not continuous:
+        return build(rig, design.method, refine=refine, directions=directions)
+    return build(rig, None, refine=refine, directions=directions, fastest=fastest_of(design))
+
+
+def run(
+    rig: Rig,
+    design: Design | None = None,
+    scenario: Scenario | None = None,
+    **options: Any,
+) -> Response:
+    design = design or design_of(rig)
+    scenario = scenario or nominal_scenario(rig, plant_beta(rig))
+    return simulate(loop_of(rig, design, **options), design, scenario)
+
+
+def finite(response: Response) -> bool:
+    arrays = (response.gap, response.velocity, response.commanded, response.applied)
+    numbers = [x for x in json_numbers(response.metrics.as_dict()) if not isinstance(x, bool)]
+    return bool(all(np.isfinite(a).all() for a in arrays) and np.isfinite(numbers).all())
+
+
+def json_numbers(value: Any) -> list[float]:
+    if isinstance(value, dict):
+        return [x for v in value.values() for x in json_numbers(v)]
+    return [value] if isinstance(value, int | float) else []
+
+
+# --- known figures -------------------------------------------------------------------------
+
+
+def test_the_continuous_loop_of_the_paper_has_the_known_figures(paper_rig: Rig) -> None:
+    metrics = run(paper_rig, continuous=True).metrics
+    for name, digits in reference.NOMINAL_DIGITS.items():
+        assert (
+            f"{getattr(metrics, name):.{digits - 1}e}"
+            == f"{reference.NOMINAL[name]:.{digits - 1}e}"
+        )
+    assert sum(metrics.itae_split.values()) == pytest.approx(metrics.itae, rel=1e-12)
+    assert metrics.itae_split["hold"] < 1e-6 * metrics.itae
+    assert not metrics.crashed
+
+
+WORST_POINTS = (0.85, 0.925, 1.0, 1.075, 1.15)
+
+
+@pytest.mark.parametrize("equilibrium", EQUILIBRIA)
+def test_the_worst_case_of_the_paper_s_gains_is_the_known_one(
+    paper_rig: Rig, equilibrium: Equilibrium
+) -> None:
+    method: Any = reference.WORST_METHOD[equilibrium]
+    loop, worst = build(paper_rig, method), 0.0
+    for ratio in WORST_POINTS:
+        beta = plant_beta(paper_rig) / ratio
+        design = design_of(paper_rig, method=method, equilibrium=equilibrium, beta_plant=beta)
+        worst = max(worst, simulate(loop, design, nominal_scenario(paper_rig, beta)).metrics.itae)
+    assert f"{worst:.1e}" == f"{reference.WORST_ITAE[equilibrium]:.1e}"
+
+
+# --- against the independent integrator ----------------------------------------------------
+
+
+@pytest.mark.parametrize("noise", [False, True], ids=["quiet", "noise"])
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0, 1.7])
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", RIGS)
+def test_an_independent_integrator_finds_the_same_figures(
+    name: str, method: Method, share: float, noise: bool
+) -> None:
+    base = RIGS[name]
+    rig = rig_with(base, {"sampling.delay": share * base["sampling"]["period"]})
+    design = design_of(rig, 0.9, 50.0, method=method)
+    scenario = replace(nominal_scenario(rig, plant_beta(rig) / 1.05), noise=noise, seed=3, index=2)
+    ours, theirs = run(rig, design, scenario).metrics, resimulate(rig, design, scenario)
+    assert not ours.crashed
+    assert not theirs.crashed
+    for figure in FIGURES:
+        assert getattr(ours, figure) == pytest.approx(
+            getattr(theirs, figure), rel=INDEPENDENT_NOISE if noise else INDEPENDENT
+        )
+    assert ours.peak_voltage == pytest.approx(theirs.peak_voltage, rel=SAME_SAMPLES)
+
+
+@pytest.mark.parametrize("horizon", [0.3001, 0.4004, 0.3999])
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_a_horizon_between_two_samples_is_kept(horizon: float, share: float) -> None:
+    rig = rig_with(SHORT, {"reference.horizon": horizon, "sampling.delay": share * 1e-3})
+    response = run(rig)
+    assert response.times[-1] == horizon
+    assert len(response.times) == math.ceil(horizon / 1e-3) + 1
+    check = resimulate(rig, design_of(rig), nominal_scenario(rig, plant_beta(rig)))
+    for figure in FIGURES:
+        assert getattr(response.metrics, figure) == pytest.approx(
+            getattr(check, figure), rel=INDEPENDENT
+        )
+
+
+# --- convergence ---------------------------------------------------------------------------
+
+PERIODS = (1e-3, 5e-4, 2.5e-4, 1.25e-4)
+ORDER = 0.2
+"""How far the observed order of the last halving may be off: the next order still shows."""
+
+
+@cache
+def figures_at(method: Method | None, period: float) -> NDArray[np.float64]:
+    rig = rig_with(SHORT, {"sampling.period": period})
+    design = design_of(rig, method=method or "tustin")
+    metrics = run(rig, design, continuous=method is None).metrics
+    return np.array([getattr(metrics, name) for name in FIGURES])
+
+
+@pytest.mark.parametrize(("method", "slack"), [("tustin", 0.3), ("euler", ORDER), ("zoh", ORDER)])
+def test_the_sampled_loop_becomes_the_continuous_one(method: Method, slack: float) -> None:
+    # first order whatever the method: the hold delays the voltage by half a period
+    limit = figures_at(None, 1e-3)
+    errors = [np.abs(figures_at(method, period) - limit) for period in PERIODS]
+    assert (errors[-1] < 0.01 * limit).all()
+    orders = np.log2(errors[-2] / errors[-1])
+    assert orders == pytest.approx(np.ones(3), abs=slack)
+
+
+@pytest.mark.parametrize("continuous", [False, True], ids=["sampled", "continuous"])
+@pytest.mark.parametrize("name", RIGS)
+def test_the_integration_is_of_fourth_order(name: str, continuous: bool) -> None:
+    period = 10 * RIGS[name]["sampling"]["period"]
+    rig = rig_with(RIGS[name], {"sampling.period": period})
+    design = design_of(rig, 1.0, 30.0)
+    rows = []
+    for refine in (1, 2, 4):
+        response = run(rig, design, continuous=continuous, refine=refine)
+        figures = [getattr(response.metrics, figure) for figure in FIGURES]
+        rows.append([response.gap[-1], response.velocity[-1], *figures])
+    first, second = np.abs(np.diff(rows, axis=0))
+    assert np.log2(first / second) == pytest.approx(np.full(5, 4.0), abs=ORDER)
+
+
+@pytest.mark.parametrize("noise", [False, True], ids=["quiet", "noise"])
+@pytest.mark.parametrize("continuous", [False, True], ids=["sampled", "continuous"])
+@pytest.mark.parametrize(("name", "share"), [("paper", 0.0), ("offset", 0.3), ("paper", 1.7)])
+def test_the_stated_error_bounds_the_error(
+    name: str, share: float, continuous: bool, noise: bool
+) -> None:
+    base = RIGS[name]
+    rig = rig_with(base, {"sampling.delay": share * base["sampling"]["period"]})
+    design = design_of(rig, 0.9, 60.0)
+    scenario = replace(nominal_scenario(rig, plant_beta(rig) / 1.1), noise=noise, seed=5)
+    response, bounds = error_bounds(rig, design, scenario, continuous=continuous)
+    best = run(rig, design, scenario, continuous=continuous, refine=16).metrics
+    for figure in FIGURES:
+        exact = getattr(best, figure)
+        error = abs(getattr(response.metrics, figure) - exact) / exact
+        assert error <= bounds[figure] < 1e-6
+
+
+def test_the_stated_error_holds_with_the_clamp_in_force() -> None:
+    rig = rig_with(SHORT, {"initial.gap": 0.028})
+    design = design_of(rig)
+    scenario = nominal_scenario(rig, plant_beta(rig))
+    for continuous in (False, True):
+        response, bounds = error_bounds(rig, design, scenario, continuous=continuous)
+        assert response.metrics.peak_voltage > response.metrics.peak_applied
+        best = run(rig, design, scenario, continuous=continuous, refine=16).metrics
+        for figure in FIGURES:
+            exact = getattr(best, figure)
+            assert abs(getattr(response.metrics, figure) - exact) <= bounds[figure] * exact
+
+
+# --- gradients -----------------------------------------------------------------------------
+
+POLES = np.array([0.9, 60.0, 1.2, 75.0])
+DIRECTIONS = {2: np.array([[1.0, 0], [0, 1], [1, 0], [0, 1]]), 4: np.eye(4)}
+DIFFERENCE_STEP = 1e-5
+"""Relative step of the central differences, truncation 1e-10 and rounding 1e-16/STEP."""
+GRADIENT = 1e-6
+"""Of the largest component: the differences above times the curvature of a minimum of ITAE."""
+DIFFERENTIABLE = ("itae", "iae", "ise", "peak_voltage", "min_voltage")
+
+
+@pytest.mark.parametrize("directions", [2, 4])
+@pytest.mark.parametrize("share", [0.0, 1.7])
+@pytest.mark.parametrize("method", [*METHODS, None])
+@pytest.mark.parametrize("name", RIGS)
+def test_the_gradients_are_those_of_the_figures(
+    name: str, method: Method | None, share: float, directions: int
+) -> None:
+    if method is None and share:
+        return
+    base = RIGS[name]
+    rig = rig_with(base, {"sampling.delay": share * base["sampling"]["period"]})
+    scenario = nominal_scenario(rig, plant_beta(rig) / 1.05)
+    columns = DIRECTIONS[directions]
+
+    def designed(poles: NDArray[np.float64]) -> Design:
+        pairs = PoleSpec((poles[0], poles[1]), (poles[2], poles[3]))
+        return make_design(rig, pairs, method=method or "tustin")
+
+    fastest = 0.0 if method else 600.0  # one grid for all poles
+    plain = build(rig, method, fastest=fastest)
+    carrying = build(rig, method, fastest=fastest, directions=directions)
+    design = designed(POLES)
+    response = simulate(carrying, design, scenario, pole_tangent(carrying, design, columns))
+    assert response.metrics == simulate(plain, design, scenario).metrics
+    for figure in DIFFERENTIABLE:
+        slopes = []
+        for column in columns.T:
+            step = DIFFERENCE_STEP * float(column @ POLES) / float(column @ column)
+            ahead, behind = (
+                getattr(simulate(plain, designed(POLES + s * column), scenario).metrics, figure)
+                for s in (step, -step)
+            )
+            slopes.append((ahead - behind) / (2 * step))
+        size = GRADIENT * max(abs(x) for x in slopes)
+        assert response.gradients[figure] == pytest.approx(slopes, abs=size)
+        assert response.gradients[figure].any()
+
+
+def test_an_unlimited_voltage_has_gradients_too() -> None:
+    rig = rig_with(SHORT, {"limits.voltage": [0.0, math.inf]})
+    limited = rig_with(SHORT, {"limits.voltage": [0.0, 1000.0]})
+    gradients = []
+    for one in (rig, limited):
+        design = design_of(one)
+        loop = loop_of(one, design, directions=2)
+        scenario = nominal_scenario(one, plant_beta(one))
+        tangent = pole_tangent(loop, design, DIRECTIONS[2])
+        gradients.append(simulate(loop, design, scenario, tangent).gradients)
+    for figure in DIFFERENTIABLE:
+        assert np.isfinite(gradients[0][figure]).all()
+        assert gradients[0][figure] == pytest.approx(gradients[1][figure], rel=1e-12)
+
+
+def test_without_directions_there_are_no_gradients(short_rig: Rig) -> None:
+    assert not run(short_rig).gradients
+
+
+# --- crashes -------------------------------------------------------------------------------
+
+FREE = {**MINIMAL}
+"""A rig without any limit on voltage or gap."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Fate:
+    base: dict[str, Any]
+    poles: tuple[float, float]
+    beta_factor: float
+    initial_gap: float
+    where: str
+    before: float
+
+
+FATES = {
+    "far too fast": Fate(FREE, (1.0, 2000.0), 1 / 1.1, 0.0256, "magnet", 0.0015),
+    "too fast": Fate(FREE, (1.0, 400.0), 1 / 1.1, 0.0256, "magnet", 0.02),
+    "absurd": Fate(FREE, (1.0, 1e5), 1.0, 0.0256, "magnet", 0.002),
+    "far too strong": Fate(SHORT, (1.0, 70.0), 100.0, 0.0244, "magnet", 0.05),
+    "far too weak": Fate(SHORT, (1.0, 70.0), 0.01, 0.0244, "dropped", 0.2),
+    "weak without a floor": Fate(FREE, (1.0, 70.0), 0.01, 0.0246, "magnet", 0.5),
+    "beyond the floor": Fate(SHORT, (1.0, 70.0), 1.0, 0.06, "dropped", 0.0015),
+    "inside the magnet": Fate(SHORT, (1.0, 70.0), 1.0, 0.0005, "magnet", 0.0015),
+}
+
+
+def fate_of(fate: Fate) -> tuple[Rig, Design, Scenario]:
+    rig = rig_with(fate.base)
+    scenario = Scenario(plant_beta(rig) * fate.beta_factor, fate.initial_gap)
+    return rig, design_of(rig, *fate.poles), scenario
+
+
+@pytest.mark.parametrize("name", FATES)
+def test_a_crash_is_reported_with_place_and_time_and_nothing_is_nan(name: str) -> None:
+    fate = FATES[name]
+    rig, design, scenario = fate_of(fate)
+    response = run(rig, design, scenario)
+    crash = response.metrics.crash
+    assert isinstance(crash, Crash)
+    assert crash.where == fate.where
+    assert 0 < crash.time <= fate.before
+    assert finite(response)
+    step = int(np.searchsorted(response.times, crash.time - 1e-9))
+    assert response.times[step] == crash.time
+    low, high = contact_gap(rig), rig.limits.gap[1]
+    assert (response.gap[1:step] > low).all()
+    assert (response.gap[1:step] < high).all()
+    assert (response.gap[step:] == response.gap[-1]).all(), "it stays where it is"
+    assert not response.velocity[step:].any()
+    assert response.metrics.peak_voltage == response.commanded[:step].max()
+    json.dumps(response.metrics.as_dict(), allow_nan=False)
+
+
+@pytest.mark.parametrize(
+    ("name", "crashes"),
+    [("far too strong", True), ("far too weak", True), ("weak without a floor", True)],
+)
+def test_a_continuous_loop_that_crashes_holds_no_nan(name: str, crashes: bool) -> None:
+    rig, design, scenario = fate_of(FATES[name])
+    response = run(rig, design, scenario, continuous=True)
+    assert response.metrics.crashed is crashes
+    assert finite(response)
+
+
+@pytest.mark.parametrize("name", ["too fast", "far too fast", "far too strong", "far too weak"])
+def test_the_independent_integrator_sees_the_same_crash(name: str) -> None:
+    rig, design, scenario = fate_of(FATES[name])
+    check = resimulate(rig, design, scenario)
+    ours = run(rig, design, scenario).metrics
+    assert check.crashed is ours.crashed is True
+    assert check.peak_voltage == pytest.approx(ours.peak_voltage, rel=1e-6)
+
+
+def test_the_gradients_of_a_crash_are_finite() -> None:
+    rig, design, scenario = fate_of(FATES["far too strong"])
+    loop = loop_of(rig, design, directions=2)
+    tangent = pole_tangent(loop, design, DIRECTIONS[2])
+    response = simulate(loop, design, scenario, tangent)
+    assert response.metrics.crashed
+    assert all(np.isfinite(g).all() for g in response.gradients.values())
+
+
+@pytest.mark.parametrize("start", [0.002, 0.0499])
+def test_a_start_near_a_limit_is_survived(start: float) -> None:
+    rig = rig_with(SHORT)
+    response = run(rig, scenario=Scenario(plant_beta(rig), start))
+    assert not response.metrics.crashed
+    assert finite(response)
+    assert abs(response.metrics.final_error) < 1e-4
+
+
+# --- voltages ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("low", [0.0, 1.0])
+@pytest.mark.parametrize("continuous", [False, True], ids=["sampled", "continuous"])
+def test_the_applied_voltage_stays_in_its_range(low: float, continuous: bool) -> None:
+    rig = rig_with(SHORT, {"limits.voltage": [low, 3.0], "initial.gap": 0.026})
+    response = run(rig, continuous=continuous)
+    metrics = response.metrics
+    assert (response.applied == np.clip(response.commanded, low, 3.0)).all()
+    assert metrics.peak_voltage > 3.0
+    assert metrics.peak_applied == 3.0
+    assert metrics.peak_voltage == response.commanded.max()
+    assert metrics.min_voltage == response.commanded.min()
+
+
+def test_no_negative_voltage_is_ever_applied() -> None:
+    rig = rig_with(SHORT, {"initial.gap": 0.015, "limits.voltage": [0.0, math.inf]})
+    response = run(rig)
+    assert response.metrics.min_voltage < 0
+    assert response.applied.min() == 0.0
+
+
+@pytest.mark.parametrize("continuous", [False, True], ids=["sampled", "continuous"])
+def test_the_first_command_is_that_of_the_first_sample(continuous: bool) -> None:
+    # at zero controller state: the feedforward and (k2 + C_Y)/C_U times the initial error
+    rig = rig_with(SHORT)
+    design = design_of(rig, method="euler")
+    _, _, k2, _ = design.gains
+    believed = design.believed
+    y_ref, _, acc_ref = reference_path(rig, np.zeros(1))[:, 0]
+    static = believed.U + (believed.C_Y * (y_ref - design.Y) - acc_ref) / believed.C_U
+    kick = (k2 + believed.C_Y) / believed.C_U * (rig.initial.gap - y_ref)
+    response = run(rig, design, continuous=continuous)
+    assert response.commanded[0] == pytest.approx(static + kick, rel=1e-9)
+    assert response.metrics.peak_voltage >= response.commanded[0]
+
+
+def test_a_held_voltage_acts_after_its_delay() -> None:
+    # two and a half periods: until then the ball sees only the feedforward
+    rig = rig_with(SHORT, {"sampling.delay": 0.0025, "initial.gap": 0.0242})
+    moved = rig_with(SHORT, {"sampling.delay": 0.0025, "initial.gap": 0.02421})
+    still, away = run(rig), run(moved)
+    assert still.gap[:90] == pytest.approx(np.full(90, 0.0242), abs=1e-9)
+    free = 0.0242 + 1e-5 * np.cosh(math.sqrt(2 * 9.81 / 0.0242) * away.times[:3])
+    assert away.gap[:3] == pytest.approx(free, abs=1e-10)
+    assert abs(away.gap[4] - 0.0242 - 1e-5 * math.cosh(0.004 * math.sqrt(2 * 9.81 / 0.0242))) > 1e-8
+
+
+# --- noise, repetition, scenarios ----------------------------------------------------------
+
+
+def noisy(rig: Rig, seed: int = 1, index: int = 0) -> Response:
+    scenario = replace(nominal_scenario(rig, plant_beta(rig)), noise=True, seed=seed, index=index)
+    return run(rig, scenario=scenario)
+
+
+def test_the_same_run_twice_gives_the_same_bits() -> None:
+    rig = rig_with(SHORT)
+    for one, other in ((run(rig), run(rig)), (noisy(rig), noisy(rig))):
+        assert one.metrics == other.metrics
+        assert one.gap.tobytes() == other.gap.tobytes()
+        assert one.commanded.tobytes() == other.commanded.tobytes()
+
+
+def test_the_noise_does_not_depend_on_the_horizon() -> None:
+    short, long = (noisy(rig_with(SHORT, {"reference.horizon": h})) for h in (0.4, 0.5))
+    assert short.gap.tobytes() == long.gap[: len(short.gap)].tobytes()
+
+
+def test_seed_and_scenario_number_choose_the_noise() -> None:
+    rig = rig_with(SHORT)
+    gaps = {noisy(rig, seed, index).gap.tobytes() for seed in (1, 2) for index in (0, 1)}
+    assert len(gaps) == 4
+    assert run(rig).gap.tobytes() not in gaps
+
+
+def test_each_channel_of_noise_acts_where_it_should() -> None:
+    only_position = rig_with(SHORT, {"noise.input": 0.0, "noise.position": 1e-6})
+    only_input = rig_with(SHORT, {"noise.input": 1e-2, "noise.position": 0.0})
+    quiet = run(rig_with(SHORT))
+    # a noisy sample changes the first command; a noisy voltage the first motion only
+    assert noisy(only_position).commanded[0] != quiet.commanded[0]
+    assert noisy(only_input).commanded[0] == quiet.commanded[0]
+    assert noisy(only_input).gap[1] != quiet.gap[1]
+    assert noisy(only_input).applied[0] == quiet.applied[0]
+
+
+def test_a_mirrored_scenario_has_the_initial_error_of_the_other_sign() -> None:
+    rig = rig_with(SHORT)
+    scenario = nominal_scenario(rig, plant_beta(rig))
+    other = mirrored(rig, scenario)
+    start = rig.reference.start_gap
+    assert other.initial_gap - start == pytest.approx(start - scenario.initial_gap, abs=1e-17)
+    assert mirrored(rig, other).initial_gap == pytest.approx(scenario.initial_gap, abs=1e-17)
+
+
+def test_a_ball_at_rest_at_its_equilibrium_stays_there() -> None:
+    rig = rig_with(MINIMAL)
+    for continuous in (False, True):
+        response = run(rig, continuous=continuous)
+        assert np.abs(response.gap - 0.0246).max() < 1e-15
+        assert response.metrics.itae < 1e-15
+
+
+def test_the_initial_velocity_is_where_the_ball_starts() -> None:
+    rig = rig_with(SHORT)
+    scenario = Scenario(plant_beta(rig), 0.0242, 0.05)
+    response = run(rig, scenario=scenario)
+    assert response.velocity[0] == 0.05
+    assert response.gap[1] - 0.0242 == pytest.approx(0.05 * 1e-3, rel=0.01)
+
+
+def test_the_split_of_itae_is_by_the_move() -> None:
+    rig = rig_with(SHORT)
+    response = run(rig)
+    split, path = response.metrics.itae_split, rig.reference
+    error = np.abs(response.gap - response.reference) * response.times
+    parts = {
+        "start": response.times <= path.start_time,
+        "move": (response.times >= path.start_time) & (response.times <= path.end_time),
+        "hold": response.times >= path.end_time,
+    }
+    for name, mask in parts.items():
+        assert split[name] == pytest.approx(
+            np.trapezoid(error[mask], response.times[mask]), rel=0.05
+        )
+    assert sum(split.values()) == pytest.approx(response.metrics.itae, rel=1e-12)
+
+
+def test_the_reference_of_a_response_is_the_path() -> None:
+    rig = rig_with(OFFSET)
+    response = run(rig)
+    assert (response.reference == reference_path(rig, response.times)[0]).all()
+    assert response.metrics.final_error == response.gap[-1] - response.reference[-1]
+    assert (response.metrics.min_gap, response.metrics.max_gap) == (
+        response.gap.min(),
+        response.gap.max(),
+    )
+
+
+CLOSE_TO_REST = 2e-5
+"""[m] After the move the ball is this close to its goal, from a start 0.2 mm off."""
+
+
+@pytest.mark.parametrize("equilibrium", EQUILIBRIA)
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", RIGS)
+def test_every_reading_and_method_follows_the_path(
+    name: str, method: Method, equilibrium: Equilibrium
+) -> None:
+    rig = rig_with(RIGS[name])
+    design = design_of(rig, method=method, equilibrium=equilibrium)
+    metrics = run(rig, design).metrics
+    assert not metrics.crashed
+    assert abs(metrics.final_error) < CLOSE_TO_REST
