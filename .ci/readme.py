@@ -13,7 +13,7 @@ NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:e[-+]?\d+)?")
 RELATIVE = 2e-3
 """The tables print four digits, and the last one may turn over."""
 SMALL = 1e-6
-"""Errors of the verification and residues of the hold are rounding noise; only their size counts."""
+"""Differences of the integrators and what is left in the hold: only their size counts."""
 
 
 def shown(readme: str) -> list[str]:

@@ -28,6 +28,8 @@ LONGEST_HORIZON = 3600.0
 """[s] An hour; beyond it, milliseconds were meant."""
 MOST_SAMPLES = 1_000_000
 """Samples in one closed loop, so that a period typed in microseconds cannot fill the memory."""
+MOST_DELAYED_PERIODS = 50
+"""Periods of delay that a loop keeps in mind; no rig levitates with as many."""
 LARGEST_RIG_FILE = 1_000_000
 """[bytes] A rig is a page of text."""
 LARGEST_SHOWN = 10**30
@@ -115,6 +117,17 @@ class Sampling(Section):
     method: Method = Field(
         default="tustin", description="how the law is discretised: tustin, euler or zoh [-]"
     )
+
+    @model_validator(mode="after")
+    def _few_periods(self) -> Self:
+        if self.delay > MOST_DELAYED_PERIODS * self.period:
+            raise _fault(
+                "delay",
+                self.delay,
+                f"must be at most {MOST_DELAYED_PERIODS} periods, "
+                f"{MOST_DELAYED_PERIODS * self.period:g} s",
+            )
+        return self
 
 
 class Limits(Section):

@@ -11,6 +11,8 @@ import io
 import json
 import math
 import platform
+import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import metadata
@@ -178,6 +180,10 @@ def load(path: Path) -> DesignRecord:
     if path.is_dir():
         path = path / "design.json"
     document = _read(path)
+    try:
+        digest = _digest(document)
+    except ValueError as error:
+        raise InputError(f"{path}: not a design record (a number that is not finite)") from error
     if document.get("kind") != KIND:
         raise InputError(f"{path}: kind = {document.get('kind')!r}: must be {KIND!r}")
     version = document.get("schema_version")
@@ -186,7 +192,7 @@ def load(path: Path) -> DesignRecord:
             f"{path}: schema_version = {version!r}: this program reads {SCHEMA_VERSION}; "
             "tune again to write a new record"
         )
-    if document.get("sha256") != _digest(document):
+    if document.get("sha256") != digest:
         raise InputError(
             f"{path}: damaged or edited: its content does not match its sha256; tune again, or "
             "change the rig file and not the result"
@@ -196,12 +202,18 @@ def load(path: Path) -> DesignRecord:
         design = _design(rig, document["design"], path)
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise InputError(f"{path}: damaged: {type(error).__name__} at {error}") from error
-    curves_path = path.with_suffix(".npz")
-    curves: Curves = {}
-    if curves_path.exists():
-        with np.load(curves_path, allow_pickle=False) as archive:
-            curves = {name: archive[name] for name in archive.files}
-    return DesignRecord(rig, design, document, curves)
+    return DesignRecord(rig, design, document, _read_curves(path.with_suffix(".npz")))
+
+
+def _read_curves(path: Path) -> Curves:
+    """Return the arrays of ``design.npz``, none when there is no such file."""
+    if not path.exists():
+        return {}
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
+        raise InputError(f"{path}: damaged, not the curves of a design record") from error
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -223,15 +235,24 @@ def _design(rig: Rig, data: Mapping[str, Any], path: Path) -> Design:
     if data["equilibrium"] not in EQUILIBRIA or data["method"] not in METHODS:
         raise InputError(f"{path}: design: unknown equilibrium or method")
     first, second = ((float(zeta), float(omega_n)) for zeta, omega_n in data["poles"])
-    design = make_design(
-        rig, PoleSpec(first, second), equilibrium=data["equilibrium"], method=data["method"]
-    )
-    stored = [*data["gains"], *data["coefficients"].values()]
-    computed = [*design.gains, *design.coefficients.values()]
-    agree = [
-        (a is None and math.isinf(b)) or (a is not None and math.isclose(a, b, rel_tol=1e-12))
-        for a, b in zip(stored, computed, strict=True)
-    ]
-    if not all(agree):
+    try:
+        poles = PoleSpec(first, second)
+    except InputError as error:
+        raise InputError(f"{path}: design: {error}") from error
+    design = make_design(rig, poles, equilibrium=data["equilibrium"], method=data["method"])
+    if not _agree(data, finite(design_as_data(design))):
         raise InputError(f"{path}: the gains do not belong to the poles and the rig; tune again")
     return design
+
+
+def _agree(stored: Any, computed: Any) -> bool:
+    """Whether two pieces of plain data have the same shape, names and (to rounding) numbers."""
+    if isinstance(stored, dict) and isinstance(computed, dict):
+        return stored.keys() == computed.keys() and all(
+            _agree(stored[name], computed[name]) for name in stored
+        )
+    if isinstance(stored, list) and isinstance(computed, list):
+        return len(stored) == len(computed) and all(map(_agree, stored, computed))
+    if isinstance(stored, int | float) and isinstance(computed, int | float):
+        return math.isclose(stored, computed, rel_tol=1e-12)
+    return bool(stored == computed)

@@ -229,8 +229,10 @@ def main() -> None:
     except MaglevError as error:
         _complain(str(error))
         sys.exit(error.exit_code)
-    except KeyboardInterrupt:
-        _complain("interrupted")
+    except (KeyboardInterrupt, SystemExit) as stop:
+        if not _interrupted(stop):
+            raise
+        _complain("interrupted, nothing was found yet")
         sys.exit(130)
     except BrokenPipeError:
         # Whoever read our output has gone; leave nothing for the interpreter to flush.
@@ -243,6 +245,13 @@ def main() -> None:
         where = place.tb_frame.f_code.co_qualname if place is not None else "?"
         _complain(f"internal error in {where}: {type(error).__name__}: {error}")
         sys.exit(1)
+
+
+def _interrupted(stop: BaseException | None) -> bool:
+    """Whether Ctrl-C is behind `stop`: typer turns it into an exit code of 1."""
+    while stop is not None and not isinstance(stop, KeyboardInterrupt):
+        stop = stop.__cause__ or stop.__context__
+    return stop is not None
 
 
 def _complain(text: str) -> None:

@@ -9,7 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from maglev_design.choices import METHODS, Equilibrium, Method, Scenarios
-from maglev_design.cli.output import number, print_json, progress_bar, say, table, warn
+from maglev_design.cli.output import (
+    number,
+    print_json,
+    progress_bar,
+    say,
+    table,
+    warn,
+)
 from maglev_design.errors import InfeasibleError
 from maglev_design.files import output_folder
 from maglev_design.parameters import Rig, load_rig
@@ -47,6 +54,16 @@ def tune(request: Request, output: Path | None, *, force: bool, as_json: bool) -
     with progress_bar() as progress:
         result = _solve(rig, request, progress)
         if isinstance(result, Unstabilisable):
+            if as_json:
+                print_json(
+                    {
+                        "status": Status.INFEASIBLE.name.lower(),
+                        "message": _hopeless(rig, result),
+                        "tightest": "spectral radius",
+                        "largest_period": result.largest_period,
+                        "largest_delay": result.largest_delay,
+                    }
+                )
             raise InfeasibleError(_hopeless(rig, result), "spectral radius")
         progress("margins", 0.0)
         problem = result.problem
@@ -234,10 +251,15 @@ def _print_figures(document: dict[str, Any]) -> None:
     )
     verdict = "" if base["feasible"] else f" (which breaks: {', '.join(base['violated'])})"
     sys.stdout.write(
-        f"Worst-case {document['objective'].upper()} is {base['improvement']:.3g} times smaller "
-        f"than with zeta = {base['zeta']:g}, omega_n = {base['omega_n']:g}{verdict}, "
+        f"Worst-case {document['objective'].upper()} is {_times(base['improvement'])} times "
+        f"smaller than with zeta = {base['zeta']:g}, omega_n = {base['omega_n']:g}{verdict}, "
         "under the same limits.\n\n"
     )
+
+
+def _times(factor: float | None) -> str:
+    """Return a factor as text; None is infinity, the worst case of the other being zero."""
+    return "infinitely many" if factor is None else f"{factor:.3g}"
 
 
 def _print_limits(document: dict[str, Any]) -> None:
@@ -259,7 +281,6 @@ def _print_limits(document: dict[str, Any]) -> None:
 
 def _print_alternatives(document: dict[str, Any]) -> None:
     key = document["objective"]
-    own = document["worst_case"][key]
     rows = []
     for other in document["alternatives"]:
         worst = other["worst_case"]
@@ -268,7 +289,7 @@ def _print_alternatives(document: dict[str, Any]) -> None:
             (
                 f"{other['kind']}: {other['name']} ({poles})",
                 number(worst[key]),
-                f"{own / worst[key]:.3g} x",
+                _times(other["improvement"]) + " x",
                 number(worst["peak_voltage"], "V"),
                 number(worst["ms"]),
                 "yes" if other["feasible"] else "NO",
@@ -277,10 +298,10 @@ def _print_alternatives(document: dict[str, Any]) -> None:
     header = ("otherwise", f"worst {key.upper()}", "better by", "command", "Ms", "limits kept")
     table("What another choice would give", header, rows)
     measured = next((a for a in document["alternatives"] if a["name"] == "measured"), None)
-    if measured is not None and measured["worst_case"][key] < own:
+    if measured is not None and measured["worst_case"][key] < document["worst_case"][key]:
         sys.stdout.write(
             f"Measuring U once (--equilibrium measured) would make the worst case "
-            f"{own / measured['worst_case'][key]:.3g} times smaller at these poles"
+            f"{_times(measured['improvement'])} times smaller at these poles"
             + ("" if measured["feasible"] else ", which then need tuning anew to keep the limits")
             + ".\n\n"
         )

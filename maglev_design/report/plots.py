@@ -115,7 +115,7 @@ def tracking(curves: Curves, document: Mapping[str, Any]) -> Figure:
 
 def error(curves: Curves, document: Mapping[str, Any]) -> Figure:
     """Draw the tracking error, the start on the left and the rest on the right."""
-    figure = Figure(figsize=(WIDTH, 3.2), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1, 1.6))
     t, reference = curves["times"], curves["reference"]
     early = _start(t, document)
@@ -128,10 +128,11 @@ def error(curves: Curves, document: Mapping[str, Any]) -> Figure:
         left.plot(t[early], e[early], color=colour, ls=dash)
         right.plot(t[~early], e[~early], color=colour, ls=dash, label=label)
     left.set(xlabel="time $t$ [s]", ylabel="error $e$ [µm]", title="the start")
-    right.set(xlabel="time $t$ [s]", title=_title(document, "Tracking error"))
-    left.margins(x=0)
-    right.margins(x=0, y=0.25)
-    right.legend(loc="upper right")
+    right.set(xlabel="time $t$ [s]", title="the rest")
+    for axes in (left, right):
+        axes.margins(x=0)
+    figure.suptitle(_title(document, "Tracking error"), fontsize=9)
+    figure.legend(loc="outside lower center", ncols=3)
     return figure
 
 
@@ -142,7 +143,7 @@ def _start(t: NDArray[np.float64], document: Mapping[str, Any]) -> NDArray[np.bo
 
 def voltage(curves: Curves, document: Mapping[str, Any]) -> Figure:
     """Draw the commanded voltage, the start enlarged on the left, with the actuator's range."""
-    figure = Figure(figsize=(WIDTH, 3.2), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1, 1.6))
     t = curves["times"][:-1]
     early = _start(t, document)
@@ -159,8 +160,9 @@ def voltage(curves: Curves, document: Mapping[str, Any]) -> Figure:
         axes.margins(x=0)
         axes.set_xlabel("time $t$ [s]")
     left.set(ylabel="commanded voltage $u$ [V]", title="the start")
-    right.set_title(_title(document, "Voltage"))
-    right.legend()
+    right.set_title("the whole")
+    figure.suptitle(_title(document, "Voltage"), fontsize=9)
+    figure.legend(*right.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
 

@@ -138,7 +138,10 @@ class TuningProblem:
 
     def poles(self, x: Array) -> PoleSpec:
         """Return the poles of the logarithms `x` of the free variables."""
-        zeta_1, omega_1, zeta_2, omega_2 = (float(v) for v in self.directions @ np.exp(x))
+        # exp(log(bound)) need not be the bound itself; poles outside the box are not searched.
+        bounds = np.vstack([self.bounds] * (len(x) // 2))
+        free = np.clip(np.exp(x), bounds[:, 0], bounds[:, 1])
+        zeta_1, omega_1, zeta_2, omega_2 = (float(v) for v in self.directions @ free)
         return PoleSpec((zeta_1, omega_1), (zeta_2, omega_2))
 
     def box(self) -> Array:

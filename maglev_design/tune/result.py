@@ -13,8 +13,10 @@ import numpy as np
 from maglev_design import loop as loops
 from maglev_design.choices import EQUILIBRIA, METHODS, Method
 from maglev_design.design import PAPER_POLES, Design, PoleSpec
+from maglev_design.parameters import MOST_DELAYED_PERIODS
 from maglev_design.simulate import Metrics, resimulate
 from maglev_design.simulate.independent import INTEGRATOR
+from maglev_design.tune.interrupt import interruptible
 from maglev_design.tune.problem import (
     Case,
     Constraint,
@@ -115,10 +117,10 @@ class Verification:
 
     @property
     def relative_difference(self) -> float:
-        """|value - reference|/|reference|."""
+        """|value - reference| as a share of the larger of the two."""
         if self.value == self.reference:
             return 0.0
-        return abs(self.value - self.reference) / abs(self.reference)
+        return abs(self.value - self.reference) / max(abs(self.value), abs(self.reference))
 
     @property
     def passed(self) -> bool:
@@ -135,6 +137,13 @@ class Alternative:
     poles: PoleSpec
     figures: Figures
     tuned: bool
+
+
+def times_smaller(before: float, after: float) -> float:
+    """Return before/after, 1 where both are 0 and infinity where only `after` is."""
+    if after == 0:
+        return 1.0 if before == 0 else math.inf
+    return before / after
 
 
 @dataclass(frozen=True)
@@ -171,9 +180,10 @@ class TuneResult:
 
     @property
     def improvement(self) -> float:
-        """How many times smaller the worst case is than the baseline's."""
+        """How many times smaller the worst case is than the baseline's; 1 where both are 0."""
         key = self.problem.objective.key
-        return float(getattr(self.baseline.worst, key) / getattr(self.figures.worst, key))
+        before, after = getattr(self.baseline.worst, key), getattr(self.figures.worst, key)
+        return times_smaller(float(before), float(after))
 
 
 @dataclass(frozen=True)
@@ -241,19 +251,20 @@ def solve(
     passed on when there is none yet.
     """
     report = progress or (lambda *_: None)
-    search = Search(problem, report, clamped=problem.limits.allow_saturation)
-    interrupted = False
-    try:
-        landscape = explore(search)
-        if not stable_somewhere(landscape):
-            return _what_would_stabilise(problem)
-        found = exchange(search, list(_starts(problem, landscape)))
-    except KeyboardInterrupt:
-        if search.best is None:
-            raise
-        interrupted, found = True, search.best
-    report("judging and verifying", 0.0)
-    return _judged(search, found, interrupted, report)
+    with interruptible(report) as checked:
+        search = Search(problem, checked, clamped=problem.limits.allow_saturation)
+        interrupted = False
+        try:
+            landscape = explore(search)
+            if not stable_somewhere(landscape):
+                return _what_would_stabilise(problem)
+            found = exchange(search, list(_starts(problem, landscape)))
+        except KeyboardInterrupt:
+            if search.best is None:
+                raise
+            interrupted, found = True, search.best
+        report("judging and verifying", 0.0)
+        return _judged(search, found, interrupted, report)
 
 
 def solve_every_method(
@@ -390,24 +401,25 @@ def _with_method(problem: TuningProblem, method: Method) -> TuningProblem:
 def _what_would_stabilise(problem: TuningProblem) -> Unstabilisable:
     """Return the largest period and, at the rig's period, the largest delay that could work."""
     sampling = problem.rig.sampling
+    shortest = sampling.delay / MOST_DELAYED_PERIODS
     return Unstabilisable(
-        _largest(problem, sampling.period, lambda value: {"period": value}),
-        _largest(problem, sampling.delay, lambda value: {"delay": value}),
+        _largest(problem, shortest, sampling.period, lambda value: {"period": value}),
+        _largest(problem, 0.0, sampling.delay, lambda value: {"delay": value}),
     )
 
 
 def _largest(
-    problem: TuningProblem, start: float, change: Callable[[float], dict[str, float]]
+    problem: TuningProblem, low: float, high: float, change: Callable[[float], dict[str, float]]
 ) -> float:
-    """Bisect between 0 and `start` for the largest value with a stable loop somewhere."""
-    low, high = 0.0, start
-    for _ in range(12):
+    """Bisect from `low` to the hopeless `high` for the largest value that still works."""
+    found = math.nan
+    for _ in range(10):
         middle = (low + high) / 2
         if _stabilisable(problem, change(middle)):
-            low = middle
+            low = found = middle
         else:
             high = middle
-    return low if low > 0 else math.nan
+    return found
 
 
 def _stabilisable(problem: TuningProblem, change: dict[str, float]) -> bool:
@@ -467,6 +479,10 @@ def as_json(result: TuneResult) -> dict[str, Any]:
                 "poles": [list(a.poles.first), list(a.poles.second)],
                 "worst_case": _figures(a.figures),
                 "feasible": a.figures.feasible,
+                "improvement": times_smaller(
+                    getattr(figures.worst, problem.objective.key),
+                    getattr(a.figures.worst, problem.objective.key),
+                ),
             }
             for a in result.alternatives
         ],

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
 from maglev_design.design import PoleSpec
+from maglev_design.tune.interrupt import Progress
 from maglev_design.tune.problem import (
     Case,
     Constraint,
@@ -28,7 +29,6 @@ from maglev_design.tune.problem import (
 
 Array = NDArray[np.float64]
 Pair = tuple[Case, float]
-Progress = Callable[[str, float], None]
 
 GRID = 17
 """Points of the first grid along each of zeta and omega_n."""
@@ -92,7 +92,10 @@ class Candidate:
 
 @dataclass
 class Search:
-    """The state of one search: evaluations are counted and the best feasible point is kept."""
+    """The state of one search: evaluations are counted and the best feasible point is kept.
+
+    ``progress`` is told the stage before every evaluation, and may raise KeyboardInterrupt there.
+    """
 
     problem: TuningProblem
     progress: Progress
@@ -100,6 +103,7 @@ class Search:
     evaluations: int = 0
     best: Candidate | None = None
     landscape: Landscape | None = None
+    stage: tuple[str, float] = ("local solver", 0.0)
     pairs: list[Pair] = field(default_factory=list)
     _runs: dict[tuple[bytes, Pair, bool], Run] = field(default_factory=dict)
     _linear: dict[bytes, tuple[Constraint, ...]] = field(default_factory=dict)
@@ -107,6 +111,7 @@ class Search:
     def run(self, x: Array, pair: Pair, *, gradients: bool = False) -> Run:
         """Return one simulated loop, from memory when it was simulated before."""
         key = (x.tobytes(), pair)
+        self.progress(*self.stage)
         if (*key, gradients) not in self._runs:
             self.evaluations += 1
             poles = self.problem.poles(x)
@@ -128,7 +133,9 @@ class Search:
         limits = [*self.linear(x), *itertools.chain(*(r.constraints for r in runs))]
         tightest = min(limits, key=lambda c: c.slack)
         found = Candidate(x.copy(), max(r.value for r in runs), tightest)
-        if remember and found.feasible and (self.best is None or found.value < self.best.value):
+        best = self.best
+        better = best is None or not best.feasible or found.value < best.value
+        if remember and found.feasible and better:
             self.best = found
         return found
 
@@ -155,6 +162,7 @@ def explore(search: Search) -> Landscape:
             search.evaluations += len(runs)
             objective[i, j] = max(r.value for r in runs)
             limits += itertools.chain(*(r.constraints for r in runs))
+            _keep(search, poles, objective[i, j], limits)
         for limit in limits:
             table = slack.setdefault(limit.name, np.full((GRID, GRID), np.inf))
             table[i, j] = min(table[i, j], limit.slack)
@@ -162,6 +170,17 @@ def explore(search: Search) -> Landscape:
     landscape = Landscape(zeta, omega_n, objective, slack)
     search.landscape = landscape
     return landscape
+
+
+def _keep(search: Search, poles: PoleSpec, value: float, limits: Sequence[Constraint]) -> None:
+    """Remember a grid point that is feasible and the best so far."""
+    if min(c.slack for c in limits) < 0 or (search.best and value >= search.best.value):
+        return
+    refined = [*linear_constraints(search.problem, poles), *limits]
+    tightest = min(refined, key=lambda c: c.slack)
+    if tightest.slack >= 0:
+        x = np.log(poles.values if search.problem.distinct else poles.first)
+        search.best = Candidate(x, float(value), tightest)
 
 
 def starting_points(landscape: Landscape) -> list[tuple[float, float]]:
@@ -307,10 +326,12 @@ def exchange(search: Search, starts: Sequence[Array]) -> Candidate:
     """Solve on the active set, add the worst ratios until none is worse; return the best."""
     problem = search.problem
     search.pairs = [(case, ratio) for case in problem.cases for ratio in end_ratios(problem)]
+    if search.best is not None:
+        search.best = search.candidate(search.best.x, remember=False)
     found = []
     for count, start in enumerate(starts):
         found.append(descend(search, start))
-        search.progress("local solver", (count + 1) / (len(starts) + 1))
+        search.stage = ("local solver", (count + 1) / (len(starts) + 1))
     best = min(found, key=lambda c: (max(0.0, -c.tightest.slack), c.value))
     if not best.feasible:
         best = descend(search, best.x, feasibility=True)
@@ -322,7 +343,7 @@ def exchange(search: Search, starts: Sequence[Array]) -> Candidate:
         if not added:
             break
         search.pairs += added
-        search.best = None
+        search.best = search.candidate(best.x, remember=False)
         best = descend(search, best.x)
     search.progress("local solver", 1.0)
     return best

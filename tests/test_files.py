@@ -1,0 +1,129 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from maglev_design.errors import InputError
+from maglev_design.files import MARK, output_folder, write_bytes
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+# --- files ---------------------------------------------------------------------------------
+
+
+def test_a_written_file_holds_exactly_the_bytes(tmp_path: Path) -> None:
+    content = bytes(range(256)) * 3
+    write_bytes(tmp_path / "a.bin", content)
+    assert (tmp_path / "a.bin").read_bytes() == content
+    assert names(tmp_path) == ["a.bin"]
+
+
+def test_a_written_file_can_be_read_by_others(tmp_path: Path) -> None:
+    write_bytes(tmp_path / "a", b"x")
+    assert (tmp_path / "a").stat().st_mode & 0o777 == 0o644
+
+
+def test_writing_replaces_the_whole_file(tmp_path: Path) -> None:
+    write_bytes(tmp_path / "a", b"long, long, long")
+    write_bytes(tmp_path / "a", b"short")
+    assert (tmp_path / "a").read_bytes() == b"short"
+
+
+@pytest.mark.parametrize("fault", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+def test_a_failure_leaves_the_old_file_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: BaseException
+) -> None:
+    write_bytes(tmp_path / "a", b"old")
+
+    def fail(self: Path, target: Path) -> Path:
+        raise fault
+
+    monkeypatch.setattr(Path, "replace", fail)
+    with pytest.raises((InputError, KeyboardInterrupt)) as caught:
+        write_bytes(tmp_path / "a", b"new")
+    monkeypatch.undo()
+    assert (tmp_path / "a").read_bytes() == b"old"
+    assert names(tmp_path) == ["a"]
+    if isinstance(fault, OSError):
+        assert "No space left" in str(caught.value)
+
+
+def test_a_place_that_is_a_folder_is_an_input_error_and_leaves_nothing(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    with pytest.raises(InputError, match="a: cannot be written"):
+        write_bytes(tmp_path / "a", b"x")
+    assert names(tmp_path) == ["a"]
+
+
+@pytest.mark.parametrize("place", ["missing/a", "file/a", "n" * 300])
+def test_a_place_that_cannot_be_is_named(tmp_path: Path, place: str) -> None:
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(InputError, match=r"cannot be written \("):
+        write_bytes(tmp_path / place, b"x")
+    assert names(tmp_path) == ["file"]
+
+
+# --- folders -------------------------------------------------------------------------------
+
+
+def test_a_new_folder_is_made_with_its_parents_and_marked(tmp_path: Path) -> None:
+    folder = output_folder(tmp_path / "a" / "b", force=False)
+    assert folder == tmp_path / "a" / "b"
+    assert names(folder) == [MARK]
+
+
+def test_an_empty_folder_is_taken(tmp_path: Path) -> None:
+    assert names(output_folder(tmp_path, force=False)) == [MARK]
+
+
+def test_a_folder_of_ours_is_taken_again_and_nothing_in_it_is_touched(tmp_path: Path) -> None:
+    folder = output_folder(tmp_path / "a", force=False)
+    (folder / "mine.txt").write_text("kept")
+    before = (folder / MARK).stat().st_mtime_ns
+    output_folder(folder, force=False)
+    assert names(folder) == [MARK, "mine.txt"]
+    assert (folder / "mine.txt").read_text() == "kept"
+    assert (folder / MARK).stat().st_mtime_ns == before
+
+
+def test_a_foreign_folder_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("years of work")
+    with pytest.raises(InputError, match=r"not empty.*--force"):
+        output_folder(tmp_path, force=False)
+    assert names(tmp_path) == ["thesis.tex"]
+
+
+def test_a_hidden_file_makes_a_folder_foreign(tmp_path: Path) -> None:
+    (tmp_path / ".git").mkdir()
+    with pytest.raises(InputError, match="not empty"):
+        output_folder(tmp_path, force=False)
+
+
+def test_force_takes_a_foreign_folder_and_deletes_nothing(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("years of work")
+    output_folder(tmp_path, force=True)
+    assert (tmp_path / "thesis.tex").read_text() == "years of work"
+    output_folder(tmp_path, force=False)  # now it is marked
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_a_file_is_no_folder(tmp_path: Path, force: bool) -> None:
+    (tmp_path / "a").write_text("x")
+    with pytest.raises(InputError, match="is a file"):
+        output_folder(tmp_path / "a", force=force)
+    with pytest.raises(InputError, match="cannot be used as a folder"):
+        output_folder(tmp_path / "a" / "b", force=force)
+    assert (tmp_path / "a").read_text() == "x"
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_without_permission_is_refused(tmp_path: Path) -> None:
+    locked = tmp_path / "locked"
+    locked.mkdir(mode=0o500)
+    with pytest.raises(InputError, match="cannot be"):
+        output_folder(locked, force=False)

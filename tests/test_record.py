@@ -1,0 +1,304 @@
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rigs import SHORT, rig_with
+
+from maglev_design.certify import sampled_margins
+from maglev_design.errors import InputError
+from maglev_design.record import (
+    LARGEST_RECORD,
+    DesignRecord,
+    finite,
+    load,
+    make_record,
+    rig_as_data,
+    rig_from_data,
+    save,
+)
+from maglev_design.tune import TuneResult, build_problem, solve
+
+HOSTILE = "</script><b>\\input{x} \"q\" 's' `t` $\\frac{ %d {0} \n {{ x }} \u2028 🧲"
+CHANGES = {
+    "name": HOSTILE,
+    "notes": HOSTILE,
+    "uncertainty.beta": 0.1,
+    "limits.voltage": [0.0, math.inf],
+    "sampling.period": 0.002,
+}
+
+
+@pytest.fixture(scope="module")
+def record() -> DesignRecord:
+    problem = build_problem(rig_with(SHORT, CHANGES))
+    result = solve(problem)
+    assert isinstance(result, TuneResult)
+    return make_record(result, sampled_margins(problem.loop, result.poles.values, problem.family))
+
+
+@pytest.fixture
+def saved(record: DesignRecord, tmp_path: Path) -> Path:
+    return save(record, tmp_path)[0]
+
+
+def rewritten(path: Path, change: Callable[[dict[str, Any]], Any]) -> None:
+    """Edit a record as somebody would who knows about the checksum."""
+    document = json.loads(path.read_text("utf-8"))
+    change(document)
+    document.pop("sha256", None)
+    text = json.dumps(document, sort_keys=True, separators=(",", ":"))
+    document["sha256"] = hashlib.sha256(text.encode()).hexdigest()
+    path.write_text(json.dumps(document), "utf-8")
+
+
+def refused(path: Path, message: str) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        load(path)
+    assert str(path) in str(caught.value)
+
+
+# --- there and back ------------------------------------------------------------------------
+
+
+def test_a_record_reads_back_bit_for_bit(record: DesignRecord, saved: Path) -> None:
+    again = load(saved)
+    assert again.design == record.design
+    assert again.rig == record.rig
+    body = {key: value for key, value in again.document.items() if key != "sha256"}
+    assert json.dumps(body) == json.dumps(record.document)
+    assert set(again.curves) == set(record.curves)
+    for name, curve in record.curves.items():
+        assert again.curves[name].tobytes() == curve.tobytes()
+
+
+def test_a_folder_stands_for_the_record_in_it(record: DesignRecord, saved: Path) -> None:
+    assert load(saved.parent).design == record.design
+
+
+def test_two_saves_give_the_same_bytes(record: DesignRecord, tmp_path: Path) -> None:
+    folders = tmp_path / "a", tmp_path / "b"
+    for folder in folders:
+        folder.mkdir()
+        save(record, folder)
+    for name in ("design.json", "design.npz"):
+        assert (folders[0] / name).read_bytes() == (folders[1] / name).read_bytes()
+
+
+def test_a_record_names_no_place_and_no_time(saved: Path) -> None:
+    text = saved.read_text("utf-8")
+    assert str(saved.parent) not in text
+    assert str(Path.home()) + "/" not in text
+    assert not {"time", "date", "host", "path"} & set(json.loads(text))
+
+
+def test_infinite_limits_survive_and_are_null_in_the_file(
+    record: DesignRecord, saved: Path
+) -> None:
+    document = json.loads(saved.read_text("utf-8"))
+    assert document["rig"]["limits"]["voltage"] == [0.0, None]
+    assert load(saved).rig.limits.voltage == (0.0, math.inf)
+    assert load(saved).design.coefficients == record.design.coefficients
+    for word in ("Infinity", "NaN"):
+        assert word not in saved.read_text("utf-8")
+
+
+def test_a_hostile_name_is_data(saved: Path) -> None:
+    again = load(saved)
+    assert again.rig.name == HOSTILE
+    assert again.rig.notes == HOSTILE
+    assert json.loads(saved.read_text("utf-8"))["rig"]["name"] == HOSTILE
+
+
+def test_the_curves_are_optional(record: DesignRecord, saved: Path) -> None:
+    saved.with_suffix(".npz").unlink()
+    again = load(saved)
+    assert again.curves == {}
+    assert again.design == record.design
+
+
+def test_the_curves_are_those_of_the_document(record: DesignRecord) -> None:
+    curves, key = record.curves, record.document["objective"]
+    error = np.abs(curves["worst_gap"] - curves["reference"])
+    weight = curves["times"] * error
+    assert np.trapezoid(weight, curves["times"]) == pytest.approx(
+        record.document["worst_case"][key], rel=0.02
+    )
+    assert curves["baseline_commanded"].shape == (len(curves["times"]) - 1,)
+
+
+def test_a_rig_survives_as_data(record: DesignRecord) -> None:
+    data = json.loads(json.dumps(rig_as_data(record.rig), allow_nan=False))
+    assert rig_from_data(data, "x") == record.rig
+
+
+def test_plain_data_has_no_infinity_no_tuple_and_no_numpy() -> None:
+    mixed = {
+        "a": (1, math.inf),
+        2: np.float64(0.5),
+        "c": np.array([1.0, math.nan]),
+        "d": np.int64(3),
+    }
+    assert finite(mixed) == {"a": [1, None], "2": 0.5, "c": [1.0, None], "d": 3}
+    assert type(finite(np.int64(3))) is int
+
+
+# --- damaged, edited, foreign --------------------------------------------------------------
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.99])
+def test_a_truncated_record_is_refused(saved: Path, share: float) -> None:
+    content = saved.read_bytes()
+    saved.write_bytes(content[: int(share * len(content))])
+    refused(saved, "not valid JSON")
+
+
+def test_one_changed_digit_is_noticed_anywhere(saved: Path) -> None:
+    content = saved.read_bytes()
+    places = [n for n, byte in enumerate(content) if byte in b"12345678"]
+    for place in places[:: len(places) // 40]:
+        damaged = bytearray(content)
+        damaged[place] += 1
+        saved.write_bytes(bytes(damaged))
+        refused(saved, "sha256|schema_version|not valid JSON")
+
+
+def test_one_flipped_bit_never_passes_as_something_else(record: DesignRecord, saved: Path) -> None:
+    content = saved.read_bytes()
+    for place in range(0, len(content), len(content) // 60):
+        damaged = bytearray(content)
+        damaged[place] ^= 0x04
+        saved.write_bytes(bytes(damaged))
+        try:
+            again = load(saved)
+        except InputError as error:
+            assert str(saved) in str(error)  # noqa: PT017 - white space may change unnoticed
+        else:
+            assert again.design == record.design
+            assert again.rig == record.rig
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("schema_version", 2, "schema_version = 2: this program reads 1"),
+        ("schema_version", None, "schema_version = None"),
+        ("kind", "something", "kind = 'something'"),
+        ("rig", None, "rig"),
+        ("rig", {}, "required and missing"),
+        ("design", None, "damaged"),
+        ("design", {}, "damaged"),
+        ("design", [], "damaged"),
+    ],
+)
+def test_a_record_of_another_shape_is_refused(
+    saved: Path, key: str, value: Any, message: str
+) -> None:
+    rewritten(saved, lambda document: document.update({key: value}))
+    refused(saved, message)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("gains", [1.0, 2.0, 3.0, 4.0]),
+        ("gains", [1.0, 2.0, 3.0]),
+        ("gains", ["a", "b", "c", "d"]),
+        ("poles", [[1.0, 71.0], [1.0, 71.0]]),
+        ("poles", [[1.0, -71.0], [1.0, 71.0]]),
+        ("poles", "1 71"),
+        ("coefficients", {}),
+        ("method", "rk4"),
+        ("method", "euler"),
+        ("equilibrium", ["model"]),
+    ],
+)
+def test_numbers_that_do_not_belong_together_are_refused(saved: Path, key: str, value: Any) -> None:
+    rewritten(saved, lambda document: document["design"].update({key: value}))
+    refused(saved, r"do not belong|damaged|unknown equilibrium|greater than 0")
+
+
+def test_one_gain_moved_in_its_last_visible_digit_is_refused(saved: Path) -> None:
+    def change(document: dict[str, Any]) -> None:
+        document["design"]["gains"][0] *= 1 + 1e-9
+
+    rewritten(saved, change)
+    refused(saved, "the gains do not belong to the poles and the rig")
+
+
+def test_a_coefficient_is_looked_at_by_its_name(saved: Path) -> None:
+    def change(document: dict[str, Any]) -> None:
+        values = document["design"]["coefficients"]
+        document["design"]["coefficients"] = {f"{name}_": v for name, v in values.items()}
+
+    rewritten(saved, change)
+    refused(saved, "do not belong|damaged")
+
+
+def test_a_voltage_that_does_not_belong_is_refused(saved: Path) -> None:
+    rewritten(saved, lambda document: document["design"]["believed"].update({"U": 1.0}))
+    refused(saved, "do not belong|damaged")
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"\x89PNG\r\n\x1a\n\x00\xff",
+        b"[]",
+        b"3",
+        b"null",
+        b'"text"',
+        b"{",
+        b"[" * 100_000,
+        b'{"kind": "maglev-design", "schema_version": 1, "x": NaN}',
+        b'{"kind": "maglev-design", "schema_version": 1, "x": -Infinity}',
+        b'{"kind": "maglev-design", "schema_version": 1, "x": 1e999}',
+        b'{"kind": "maglev-design", "schema_version": 1, "x": ' + b"9" * 5000 + b"}",
+        b'{"kind": "maglev-design", "schema_version": 1, "x": "\\ud800"}',
+    ],
+    ids=lambda content: repr(content[:60]),
+)
+def test_what_is_not_a_record_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "design.json"
+    path.write_bytes(content)
+    refused(path, r"not a design record|damaged|kind = ")
+
+
+def test_a_huge_file_is_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "design.json"
+    with path.open("wb") as file:
+        file.truncate(LARGEST_RECORD + 1)  # a sparse file
+    refused(path, "larger than")
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    refused(tmp_path / "nothing.json", "cannot be read")
+
+
+def test_a_folder_without_a_record_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"design\.json: cannot be read"):
+        load(tmp_path)
+
+
+@pytest.mark.parametrize("damage", ["truncated", "text", "empty", "flipped"])
+def test_damaged_curves_are_an_input_error_that_names_their_file(saved: Path, damage: str) -> None:
+    curves = saved.with_suffix(".npz")
+    content = bytearray(curves.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    curves.write_bytes(
+        {
+            "truncated": bytes(content[: len(content) // 2]),
+            "text": b"not an archive",
+            "empty": b"",
+            "flipped": bytes(content),
+        }[damage]
+    )
+    with pytest.raises(InputError, match=r"design\.npz"):
+        load(saved)

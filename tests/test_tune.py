@@ -1,0 +1,536 @@
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import os
+import signal
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import reference
+from rigs import MINIMAL, changed, rig_with
+
+from maglev_design import loop as loops
+from maglev_design.design import PoleSpec
+from maglev_design.errors import InputError
+from maglev_design.loop import build_loop
+from maglev_design.parameters import Rig
+from maglev_design.record import finite
+from maglev_design.tune import (
+    Status,
+    TuneResult,
+    TuningProblem,
+    Unstabilisable,
+    as_json,
+    build_problem,
+    judge,
+    search,
+    solve,
+    solve_every_method,
+)
+from maglev_design.tune.problem import Case, linear_constraints, run
+
+GRID_BETTER = 2e-3
+"""The local solver stops at 3e-6 of the objective; limits are kept with a margin."""
+WORSE_RATIO = 1e-4
+"""Excess at which the search itself calls another ratio worse."""
+VIOLATED = 1e-4
+"""Slack between two of the ratios at which the limits are kept."""
+STEP = 1e-6
+DIFFERENCE = 2e-5
+"""Central differences of relative step 1e-6; kinks of |e| move with the poles."""
+INTEGRATORS = 1e-5
+"""The result itself calls more a failure."""
+LOCAL = 1e-3
+"""Two searches of one optimum."""
+
+QUICK: dict[str, Any] = {
+    **MINIMAL,
+    "sampling": {"period": 0.002},
+    "initial": {"gap": 0.0246},
+    "reference": {
+        "start_gap": 0.0242,
+        "end_gap": 0.0180,
+        "start_time": 0.05,
+        "end_time": 0.35,
+        "horizon": 0.4,
+    },
+    "limits": {"voltage": [0.0, 5.0], "gap": [0.001, 0.05]},
+    "noise": {"input": 1e-3, "position": 1e-6},
+    "uncertainty": {"beta": 0.1},
+}
+"""The ball of the paper moved in 0.3 s: 200 samples."""
+
+
+def quick(changes: dict[str, Any] | None = None) -> Rig:
+    return rig_with(QUICK, changes)
+
+
+def solved(problem: TuningProblem, progress: Callable[[str, float], None] | None = None) -> Any:
+    """Solve with a coarse grid and a short pattern search: a variant needs no last digit."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(search, "GRID", 9)
+        patch.setattr(search, "PATTERN_END", 0.5 * search.PATTERN_START)
+        return solved_in_full(problem, progress)
+
+
+def solved_in_full(
+    problem: TuningProblem, progress: Callable[[str, float], None] | None = None
+) -> Any:
+    found = solve(problem, progress)
+    assert isinstance(found, TuneResult)
+    return found
+
+
+@pytest.fixture(scope="module")
+def problem() -> TuningProblem:
+    return build_problem(quick())
+
+
+@pytest.fixture(scope="module")
+def result(problem: TuningProblem) -> TuneResult:
+    found: TuneResult = solved_in_full(problem)
+    return found
+
+
+def worst_of(problem: TuningProblem, poles: PoleSpec, result: TuneResult) -> float:
+    """Worst objective over the ends and the middle, inf where a limit is broken."""
+    if not all(c.satisfied for c in linear_constraints(problem, poles, refine=False)):
+        return math.inf
+    low, high = problem.family.ratios
+    runs = [run(problem, poles, problem.cases[0], r) for r in (low, (low + high) / 2, high)]
+    if not all(c.satisfied for one in runs for c in one.constraints):
+        return math.inf
+    worst = max(one.value for one in runs)
+    if worst < result.figures.worst.itae and not all(
+        c.satisfied for c in linear_constraints(problem, poles)
+    ):
+        return math.inf  # the limit is broken between the points of the cheap search
+    return worst
+
+
+# --- the answer ----------------------------------------------------------------------------
+
+
+def test_the_answer_keeps_every_limit(result: TuneResult) -> None:
+    assert result.status is Status.OPTIMAL
+    assert result.figures.feasible
+    names = {c.name for c in result.figures.constraints}
+    assert names == {
+        "spectral radius",
+        "Routh-Hurwitz",
+        "Ms",
+        "noise voltage",
+        "smallest gap",
+        "largest gap",
+        "smallest commanded voltage",
+        "largest commanded voltage",
+    }
+
+
+def test_the_limits_are_kept_at_every_ratio_between(
+    problem: TuningProblem, result: TuneResult
+) -> None:
+    for ratio in np.linspace(*problem.family.ratios, 41):
+        for limit in run(problem, result.poles, Case(), float(ratio)).constraints:
+            assert limit.slack >= -VIOLATED, (ratio, limit.name)
+
+
+def test_no_point_of_a_dense_grid_is_better(problem: TuningProblem, result: TuneResult) -> None:
+    zetas, omegas = (np.geomspace(low, high, 40) for low, high in problem.bounds)
+    values = [
+        worst_of(problem, PoleSpec.double(float(z), float(w)), result)
+        for z, w in itertools.product(zetas, omegas)
+    ]
+    assert np.isfinite(values).sum() > 20
+    assert min(values) >= result.figures.worst.itae * (1 - GRID_BETTER)
+
+
+def test_no_neighbour_is_better(problem: TuningProblem, result: TuneResult) -> None:
+    zeta, omega_n = result.poles.first
+    values = [
+        worst_of(problem, PoleSpec.double(zeta * a, omega_n * b), result)
+        for a, b in itertools.product(np.geomspace(0.95, 1.05, 9), repeat=2)
+    ]
+    assert min(values) >= result.figures.worst.itae * (1 - GRID_BETTER)
+
+
+def test_no_sampled_ratio_is_worse_than_the_worst(
+    problem: TuningProblem, result: TuneResult
+) -> None:
+    low, high = problem.family.ratios
+    values = [
+        run(problem, result.poles, Case(), float(r)).value for r in np.linspace(low, high, 41)
+    ]
+    assert max(values) <= result.figures.worst.itae * (1 + WORSE_RATIO)
+    assert min(values) < 0.9 * result.figures.worst.itae  # the ratio matters
+    assert low <= result.figures.ratio <= high
+
+
+def test_an_independent_integrator_agrees(result: TuneResult) -> None:
+    for check, figures in (
+        (result.verification, result.figures),
+        (result.baseline_verification, result.baseline),
+    ):
+        assert check.passed
+        assert 0 < check.relative_difference <= INTEGRATORS
+        assert check.value == pytest.approx(figures.worst.itae, rel=1e-12)
+
+
+def test_the_baseline_is_the_papers_poles_under_the_same_terms(
+    problem: TuningProblem, result: TuneResult
+) -> None:
+    assert result.baseline.worst == judge(problem, PoleSpec.double(*reference.POLES)).worst
+    assert result.improvement == result.baseline.worst.itae / result.figures.worst.itae
+    assert result.improvement > 1
+
+
+def test_the_other_readings_and_methods_are_shown(result: TuneResult) -> None:
+    found = {(a.kind, a.name) for a in result.alternatives}
+    assert found == {
+        ("equilibrium", "appendix-a"),
+        ("equilibrium", "measured"),
+        ("method", "euler"),
+        ("method", "zoh"),
+    }
+    assert all(a.poles == result.poles and not a.tuned for a in result.alternatives)
+
+
+def test_the_landscape_knows_where_the_answer_is(result: TuneResult) -> None:
+    landscape = result.landscape
+    assert landscape is not None
+    assert landscape.feasible.any()
+    assert not landscape.feasible.all()
+    best = float(np.nanmin(np.where(landscape.feasible, landscape.objective, np.nan)))
+    assert best >= result.figures.worst.itae * (1 - GRID_BETTER)
+
+
+def test_two_searches_give_the_same_document(problem: TuningProblem, result: TuneResult) -> None:
+    again = as_json(solved_in_full(build_problem(quick())))
+    own = json.dumps(finite(as_json(result)))
+    assert json.dumps(finite(again)) == own
+
+
+# --- gradients -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("objective", ["itae", "iae", "ise"])
+@pytest.mark.parametrize(("case", "ratio"), [(Case(), 0.9), (Case(flipped=True), 1.08)])
+def test_gradients_of_the_objective_and_of_the_limits(
+    objective: str, case: Case, ratio: float
+) -> None:
+    problem = build_problem(quick(), objective=objective, distinct=True, allow_saturation=False)
+    at = np.array([1.1, 62.0, 0.9, 71.0])
+
+    def figures(values: Any) -> tuple[Any, Any]:
+        poles = PoleSpec((values[0], values[1]), (values[2], values[3]))
+        found = run(problem, poles, case, ratio, gradients=True)
+        names = sorted({c.name for c in found.constraints})
+        assert names == [
+            "largest commanded voltage",
+            "largest gap",
+            "smallest commanded voltage",
+            "smallest gap",
+        ]
+        tightest = [
+            min((c for c in found.constraints if c.name == name), key=lambda c: c.slack)
+            for name in names
+        ]
+        rows = [found.value, *(c.slack for c in tightest)]
+        return np.array(rows), np.array([found.gradient, *(c.gradient for c in tightest)])
+
+    _, slopes = figures(at)
+    assert slopes.shape == (5, 4)
+    numeric = np.empty_like(slopes)
+    for n in range(4):
+        step = np.zeros(4)
+        step[n] = STEP * at[n]
+        numeric[:, n] = (figures(at + step)[0] - figures(at - step)[0]) / (2 * step[n])
+    size = np.abs(numeric * at).max(axis=1)
+    assert size[0] > 0
+    assert size[1] > 0
+    assert size[3] > 0
+    floor = 1e-9 * np.array([figures(at)[0][0], 1, 1, 1, 1])
+    assert np.all(
+        np.abs((slopes - numeric) * at).max(axis=1) <= np.maximum(DIFFERENCE * size, floor)
+    )
+
+
+def test_a_double_pair_has_the_gradient_along_its_two_directions(problem: TuningProblem) -> None:
+    poles = PoleSpec.double(1.1, 66.0)
+    double = run(problem, poles, Case(), 0.95, gradients=True)
+    four = run(build_problem(quick(), distinct=True), poles, Case(), 0.95, gradients=True)
+    along = problem.directions
+    assert double.gradient @ along == pytest.approx(four.gradient @ along, rel=1e-9)
+
+
+# --- other ends ----------------------------------------------------------------------------
+
+
+def test_limits_that_cannot_be_met_end_infeasible_and_name_the_tightest() -> None:
+    found = solved(build_problem(quick(), max_ms=1.05))
+    assert found.status is Status.INFEASIBLE
+    assert not found.figures.feasible
+    assert found.figures.tightest.name == "Ms"
+    assert found.figures.tightest.limit == 1.05
+    assert found.figures.tightest.value > 1.05
+
+
+def stable_somewhere(problem: TuningProblem, rig: Rig) -> bool:
+    loop = build_loop(rig, equilibrium=problem.equilibrium, method=problem.method)
+    zetas, omegas = (np.geomspace(low, high, 20) for low, high in problem.bounds)
+    return any(
+        loops.spectral_radius(loop, (z, w, z, w), problem.family).value < 1
+        for z, w in itertools.product(zetas, omegas)
+    )
+
+
+@pytest.mark.parametrize(("key", "value"), [("period", 0.06), ("delay", 0.06)])
+def test_a_loop_too_slow_ends_with_what_would_do(key: str, value: float) -> None:
+    base = changed(QUICK, {"sampling.period": 0.01, f"sampling.{key}": value})
+    problem = build_problem(rig_with(base))
+    found = solve(problem)
+    assert isinstance(found, Unstabilisable)
+    largest = getattr(found, f"largest_{key}")
+    assert 0 < largest < value
+    inside, outside = (
+        rig_with(base, {f"sampling.{key}": float(f"{factor * largest:.6g}")})
+        for factor in (0.999, 1.1)
+    )
+    assert stable_somewhere(problem, inside)
+    assert not stable_somewhere(problem, outside)
+
+
+def test_an_answer_on_a_search_bound_says_so() -> None:
+    found = solved(build_problem(quick(), omega_bounds=(20, 50)))
+    assert found.status is Status.ON_BOUND
+    assert found.poles.first[1] == pytest.approx(50)
+    assert found.figures.feasible
+
+
+def interrupting(stage: str) -> Callable[[str, float], None]:
+    def progress(now: str, done: float) -> None:
+        if now == stage:
+            raise KeyboardInterrupt
+
+    return progress
+
+
+def test_an_interrupt_keeps_the_best_design_so_far(
+    problem: TuningProblem, result: TuneResult
+) -> None:
+    found = solved(problem, interrupting("local solver"))
+    assert found.status is Status.INTERRUPTED
+    assert found.figures.feasible
+    assert found.figures.worst.itae >= result.figures.worst.itae * (1 - GRID_BETTER)
+    assert found.landscape is not None
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+@pytest.mark.parametrize("seconds", [0.5, 0.9, 1.3, 1.7, 2.1, 2.5])
+def test_a_signal_at_any_moment_is_an_interrupt(
+    paper_problem: TuningProblem, seconds: float
+) -> None:
+    timer = threading.Timer(seconds, lambda: os.kill(os.getpid(), signal.SIGINT))
+    before = signal.getsignal(signal.SIGINT)
+    timer.start()
+    try:
+        found = solved_in_full(paper_problem)
+    except KeyboardInterrupt:
+        pass
+    else:
+        assert found.status is Status.INTERRUPTED
+        assert found.figures.feasible
+    finally:
+        timer.join()
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_an_interrupt_before_anything_was_found_is_passed_on(problem: TuningProblem) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        solve(problem, interrupting("global grid"))
+
+
+def test_progress_goes_through_every_stage_in_order(problem: TuningProblem) -> None:
+    seen: list[tuple[str, float]] = []
+    narrow = replace(problem, bounds=np.array([[0.9, 1.3], [80.0, 110.0]]))
+    solved(narrow, lambda stage, done: seen.append((stage, done)))
+    stages = list(dict.fromkeys(stage for stage, _ in seen))
+    assert stages == ["global grid", "local solver", "judging and verifying"]
+    for stage in stages:
+        shares = [done for name, done in seen if name == stage]
+        assert shares == sorted(shares)
+        assert shares[-1] == 1.0
+
+
+# --- variants ------------------------------------------------------------------------------
+
+
+def test_robust_scenarios_are_never_milder_at_the_same_poles(problem: TuningProblem) -> None:
+    robust = build_problem(quick(), scenarios="robust")
+    assert len(robust.cases) > len(problem.cases)
+    for poles in (PoleSpec.double(1, 70), PoleSpec.double(1.2, 90), PoleSpec.double(0.8, 60)):
+        assert judge(robust, poles).worst.itae >= judge(problem, poles).worst.itae
+
+
+def test_a_robust_design_keeps_the_limits_with_both_signs_and_noise(result: TuneResult) -> None:
+    found = solved(build_problem(quick(), scenarios="robust"))
+    assert found.figures.feasible
+    assert found.figures.worst.itae >= result.figures.worst.itae * (1 - GRID_BETTER)
+
+
+def test_distinct_poles_are_not_worse_than_a_double_pair(result: TuneResult) -> None:
+    found = solved(build_problem(quick(), distinct=True))
+    assert found.figures.feasible
+    assert found.figures.worst.itae <= result.figures.worst.itae * (1 + LOCAL)
+    assert found.poles.first != found.poles.second
+
+
+def test_without_uncertainty_the_worst_case_is_the_nominal_one(result: TuneResult) -> None:
+    found = solved(build_problem(quick(), beta_error=0))
+    assert found.figures.ratio == 1.0
+    assert found.figures.worst.itae == found.figures.nominal.itae
+    assert found.figures.worst.itae < result.figures.worst.itae
+
+
+def test_saturation_may_be_allowed(result: TuneResult) -> None:
+    found = solved(build_problem(quick(), allow_saturation=True))
+    names = {c.name for c in found.figures.constraints}
+    assert not any("commanded" in name for name in names)
+    assert found.figures.worst.itae <= result.figures.worst.itae * (1 + LOCAL)
+    worst = found.figures.worst
+    assert worst.min_voltage < 0 or worst.peak_voltage > 5
+    assert worst.peak_applied <= 5
+
+
+def test_the_noise_limit_binds_on_a_noisy_sensor(result: TuneResult) -> None:
+    free = result.figures.noise_voltage
+    found = solved(build_problem(quick(), max_noise_voltage=free / 2))
+    assert found.figures.feasible
+    assert found.figures.noise_voltage == pytest.approx(free / 2, rel=1e-3)
+    assert found.figures.worst.itae > result.figures.worst.itae
+
+
+def test_the_noise_limit_is_a_share_of_the_voltage_range() -> None:
+    assert build_problem(quick()).limits.max_noise_voltage == pytest.approx(0.05 * 5)
+
+
+def test_a_rig_without_limits_can_be_tuned() -> None:
+    found = solved(build_problem(quick({"limits": ...})))
+    assert found.figures.feasible
+    assert "largest commanded voltage" not in {c.name for c in found.figures.constraints}
+    assert found.verification.passed
+
+
+def test_a_rig_that_only_holds_can_be_tuned() -> None:
+    found = solved(build_problem(quick({"reference": ...})))
+    assert found.figures.feasible
+    assert found.improvement > 1
+
+
+def test_a_rig_with_nothing_to_do_gives_an_answer() -> None:
+    rig = rig_with(MINIMAL, {"sampling.period": 0.005})
+    found = solved(build_problem(rig))
+    assert found.figures.worst.itae == pytest.approx(0.0, abs=1e-12)
+    document = json.dumps(finite(as_json(found)), allow_nan=False)
+    assert "improvement" in document
+
+
+def test_every_method_is_tuned_and_the_best_is_kept() -> None:
+    bounds = {"zeta_bounds": (0.9, 1.3), "omega_bounds": (60.0, 90.0)}
+    problems = {m: build_problem(quick(), method=m, **bounds) for m in ("euler", "tustin")}  # type: ignore[arg-type]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(search, "GRID", 5)
+        found = solve_every_method(problems)  # type: ignore[arg-type]
+    assert isinstance(found, TuneResult)
+    tuned = [a for a in found.alternatives if a.tuned]
+    assert {found.problem.method, *(a.name for a in tuned)} == {"euler", "tustin"}
+    assert all(a.figures.worst.itae >= found.figures.worst.itae for a in tuned)
+    assert {a.name for a in found.alternatives if a.kind == "method"} == (
+        {"euler", "tustin", "zoh"} - {found.problem.method}
+    )
+
+
+# --- bad arguments -------------------------------------------------------------------------
+
+NAN = math.nan
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"objective": "itea"}, r"'itea' is unknown \(did you mean 'itae'\?\)"),
+        ({"beta_error": 1.0}, "beta error = 1.0: must be 0 or more and less than 1"),
+        ({"beta_error": -0.1}, "beta error"),
+        ({"beta_error": NAN}, "beta error"),
+        ({"max_ms": 1.0}, "max-ms = 1.0: must be greater than 1"),
+        ({"max_ms": NAN}, "max-ms"),
+        ({"max_noise_voltage": 0.0}, "max-noise-voltage = 0.0"),
+        ({"max_noise_voltage": NAN}, "max-noise-voltage"),
+        ({"zeta_bounds": (2.0, 1.0)}, "zeta-bounds = 2.0 1.0"),
+        ({"zeta_bounds": (0.0, 1.0)}, "zeta-bounds"),
+        ({"omega_bounds": (10.0, math.inf)}, "omega-bounds"),
+        ({"omega_bounds": (NAN, 10.0)}, "omega-bounds"),
+    ],
+)
+def test_bad_arguments_are_named(arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        build_problem(quick(), **arguments)
+
+
+# --- the paper's rig in full ---------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def paper_result(paper_rig: Rig) -> TuneResult:
+    found: TuneResult = solved_in_full(build_problem(paper_rig))
+    return found
+
+
+@pytest.fixture(scope="module")
+def paper_problem(paper_rig: Rig) -> TuningProblem:
+    return build_problem(paper_rig, scenarios="robust")
+
+
+PAPER_OPTIMUM = (1.137, 107.3)
+"""zeta [-], omega_n [rad/s]; Tustin, model reading, +-15 %, Ms <= 2, command inside 0 to 5 V."""
+PAPER_OPTIMUM_ITAE = 9.934e-06
+"""[m s^2] A dense search by another program, moving the controller's beta, found (1.10, 101)."""
+FLAT = 5e-3
+"""The optimum is flat: half a per cent in the poles is 1e-4 in the objective."""
+EULER_TRAP = (1.25, 215.0)
+"""Forward Euler with saturation: the optimum of a dense search done beforehand."""
+
+
+def test_the_papers_rig_is_tuned_to_the_known_optimum(paper_result: TuneResult) -> None:
+    assert paper_result.status is Status.OPTIMAL
+    assert paper_result.poles.first == pytest.approx(PAPER_OPTIMUM, rel=FLAT)
+    assert paper_result.figures.worst.itae == pytest.approx(PAPER_OPTIMUM_ITAE, rel=1e-3)
+    assert paper_result.figures.ratio == pytest.approx(0.85)
+    assert paper_result.figures.tightest.name in ("Ms", "largest commanded voltage")
+    assert paper_result.verification.passed
+
+
+def test_the_papers_poles_are_beaten_by_the_known_factor(paper_result: TuneResult) -> None:
+    assert paper_result.baseline.worst.itae == pytest.approx(
+        reference.WORST_ITAE["model"], abs=0.05e-5
+    )
+    assert paper_result.baseline.feasible
+    assert paper_result.improvement >= 2.7
+    assert paper_result.improvement == pytest.approx(3.12, abs=0.01)
+
+
+def test_euler_with_saturation_is_a_trap_on_the_papers_rig(paper_rig: Rig) -> None:
+    problem = build_problem(paper_rig, method="euler", allow_saturation=True)
+    tuned = judge(problem, PoleSpec.double(*EULER_TRAP))
+    base = judge(problem, PoleSpec.double(*reference.POLES))
+    assert tuned.feasible
+    assert base.worst.itae / tuned.worst.itae == pytest.approx(23, abs=0.5)
+    assert tuned.worst.peak_voltage > 15
+    assert tuned.radius < 1 < tuned.radius_one_more_sample
+    assert tuned.noise_voltage > 10 * base.noise_voltage
