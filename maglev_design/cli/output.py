@@ -37,11 +37,12 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> N
     from rich.table import Table  # noqa: PLC0415
     from rich.text import Text  # noqa: PLC0415
 
-    drawn = Table(title=Text(title), title_justify="left", box=None, pad_edge=False)
+    drawn = Table(box=None, pad_edge=False)
     for position, name in enumerate(header):
         drawn.add_column(Text(name), justify="right" if position else "left", no_wrap=position > 0)
     for row in rows:
         drawn.add_row(*[Text(cell) for cell in row])
+    sys.stdout.write(f"{title}\n")
     Console(highlight=False, soft_wrap=False, width=_width()).print(drawn)
     sys.stdout.write("\n")
 

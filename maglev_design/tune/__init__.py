@@ -4,13 +4,13 @@
 re-simulates it with an independent integrator and compares it with the paper's poles.
 """
 
+from maglev_design.tune.document import as_json
 from maglev_design.tune.problem import OBJECTIVES, TuningProblem, build_problem
 from maglev_design.tune.result import (
     Figures,
     Status,
     TuneResult,
     Unstabilisable,
-    as_json,
     judge,
     solve,
     solve_every_method,
