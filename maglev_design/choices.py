@@ -12,3 +12,7 @@ Scenarios = Literal["nominal", "robust"]
 METHODS: tuple[Method, ...] = get_args(Method)
 EQUILIBRIA: tuple[Equilibrium, ...] = get_args(Equilibrium)
 DEFAULT_PRESET = "belmonte2021"
+DEFAULT_MAX_MS = 2.0
+"""Usual upper end of what textbooks allow for the peak of |S|."""
+SCHEMA_VERSION = 1
+"""Of every JSON document that this program prints or saves."""

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from maglev_design import __version__
 from maglev_design.certify import Margins
-from maglev_design.choices import EQUILIBRIA, METHODS
+from maglev_design.choices import EQUILIBRIA, METHODS, SCHEMA_VERSION
 from maglev_design.design import PAPER_POLES, Design, PoleSpec, make_design
 from maglev_design.errors import InputError
 from maglev_design.files import write_bytes
@@ -33,7 +33,6 @@ from maglev_design.simulate import simulate
 from maglev_design.tune import TuneResult, as_json
 from maglev_design.tune.problem import Case, design_at, scenario_at
 
-SCHEMA_VERSION = 1
 KIND = "maglev-design"
 PACKAGES = ("casadi", "control", "numpy", "scipy", "sympy")
 LARGEST_RECORD = 50_000_000

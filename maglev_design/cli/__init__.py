@@ -14,7 +14,14 @@ from typing import Annotated, Literal
 import typer
 
 from maglev_design import __version__
-from maglev_design.choices import DEFAULT_PRESET, Equilibrium, Method, Objective, Scenarios
+from maglev_design.choices import (
+    DEFAULT_MAX_MS,
+    DEFAULT_PRESET,
+    Equilibrium,
+    Method,
+    Objective,
+    Scenarios,
+)
 from maglev_design.errors import MaglevError
 
 app = typer.Typer(
@@ -172,7 +179,9 @@ def tune(
     allow_saturation: Annotated[
         bool, typer.Option("--allow-saturation", help="Let the command leave the voltage range.")
     ] = False,
-    max_ms: Annotated[float, typer.Option(help="Largest |S| of the sampled loop [-].")] = 2.0,
+    max_ms: Annotated[
+        float, typer.Option(help="Largest |S| of the sampled loop [-].")
+    ] = DEFAULT_MAX_MS,
     max_noise_voltage: Annotated[
         float | None,
         typer.Option(help="Voltage made by sensor noise [V]; default 5 % of the range."),

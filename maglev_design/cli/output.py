@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-SCHEMA_VERSION = 1
+from maglev_design.choices import SCHEMA_VERSION
 
 Progress = Callable[[str, float], None]
 

@@ -184,8 +184,9 @@ def build(
     """
     period = rig.sampling.period
     when = designs.timing(period, rig.sampling.delay) if method else designs.Timing(0, 0.0, 0)
-    smallest = min(float(g) for g in designs.path_gaps(rig, 2)) + rig.plant.gap_offset
-    rate = max(math.sqrt(4 * rig.plant.gravity / smallest), fastest)
+    smallest = float(designs.path_gaps(rig, 2)[0])
+    unstable = designs.true_equilibrium(rig, designs.plant_beta(rig), smallest).C_Y
+    rate = max(math.sqrt(2 * unstable), fastest)
 
     def substeps(duration: float) -> int:
         return refine * math.ceil(duration * rate / STEP_PER_TIME_CONSTANT) if duration else 0

@@ -164,11 +164,12 @@ def parameter_vector(
 def start_state(loop: graphs.LoopGraph, design: Design, scenario: Scenario) -> Array:
     """Return the state at t = 0: controller at zero, held voltages at the feedforward [SI]."""
     y_ref, _, acc_ref = reference_path(loop.rig, np.zeros(1))[:, 0]
-    low, high = loop.rig.limits.voltage
-    c = design.coefficients
-    feedforward = design.believed.U + c["f_y"] * (y_ref - design.Y) + c["f_a"] * acc_ref
     values = {"y": scenario.initial_gap, "v": scenario.initial_velocity, "alive": 1.0}
-    held = min(max(feedforward, low), high)
+    step = graphs.step_program(design.method)
+    low, high = loop.rig.limits.voltage
+    known = {"y": y_ref, "y_ref": y_ref, "acc_ref": acc_ref, "Y": design.Y, "U": design.believed.U}
+    known |= {"u_min": low, "u_max": high, **design.coefficients}
+    *_, held = step.scalar()(*[known.get(name, 0.0) for name in step.inputs])
     return np.array(
         [held if n.startswith("held") else values.get(n, 0.0) for n in loop.state_names]
     )

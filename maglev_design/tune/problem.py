@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from maglev_design import choices
 from maglev_design import loop as loops
-from maglev_design.choices import Equilibrium, Method, Scenarios
+from maglev_design.choices import DEFAULT_MAX_MS, Equilibrium, Method, Scenarios
 from maglev_design.design import Design, PoleSpec, make_design, plant_beta, true_equilibrium
 from maglev_design.errors import InputError, nearest
 from maglev_design.parameters import Rig
@@ -34,8 +34,6 @@ from maglev_design.simulate import (
 
 Array = NDArray[np.float64]
 
-DEFAULT_MAX_MS = 2.0
-"""Usual upper end of what textbooks allow for the peak of |S|."""
 DEFAULT_NOISE_SHARE = 0.05
 """Share of the voltage range that sensor noise may take."""
 ZETA_BOUNDS = (0.3, 3.0)
