@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
 
 import numpy as np
+import sympy as sp
 from numpy.typing import NDArray
 
-from maglev_design.choices import Equilibrium, Method
+from maglev_design.choices import TAN_GPI, Controller, Equilibrium, Method
 from maglev_design.errors import InputError
 from maglev_design.lowering import Program, lower
 from maglev_design.parameters import Rig
-from maglev_design.symbolic import laws, reference, stability
+from maglev_design.symbolic import laws, reference, running, stability
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.flatness import flat_model
-from maglev_design.symbolic.linearisation import believed_coefficients, linearise
+from maglev_design.symbolic.linearisation import (
+    believed_beta,
+    believed_coefficients,
+    linearise,
+)
 
 PAPER_POLES = (1.0, 70.0)
 """zeta_d and omega_nd of sec. 4: the yardstick of every tuning."""
@@ -29,6 +34,9 @@ POLE_SYMBOLS = (p.zeta_1, p.omega_1, p.zeta_2, p.omega_2)
 @dataclass(frozen=True)
 class PoleSpec:
     """Two pole pairs s^2 + 2 zeta_i omega_i s + omega_i^2; the paper's (24) has them equal.
+
+    A controller of third order (`lin-pid`, `state-feedback`) has the first pair and a real pole at
+    -omega_n of the second.
 
     Attributes
     ----------
@@ -58,11 +66,15 @@ class PoleSpec:
 
 @dataclass(frozen=True)
 class Believed:
-    """What the controller takes the equilibrium to be: U [V], C_U [m/(s^2 V)], C_Y [1/s^2]."""
+    """What the controller takes the equilibrium to be.
+
+    U [V], C_U [m/(s^2 V)], C_Y [1/s^2] and beta [m^3/(s^2 V^2)].
+    """
 
     U: float
     C_U: float
     C_Y: float
+    beta: float
 
 
 @dataclass(frozen=True)
@@ -77,21 +89,31 @@ class Design:
     method : str
         Discretisation (``tustin``, ``euler`` or ``zoh``).
     gains : tuple of float
-        (k0, k1, k2, k3), eq. (25) for a double pair.
+        Of the law, in its order: (k0, k1, k2, k3), eq. (25) for a double pair; (k1, k2, k3) of
+        (16) for third order, for a PID with the filter's pole omega_f behind.
     believed : Believed
     Y : float
         Gap of the equilibrium [m].
     coefficients : mapping of str to float
-        Of the difference equation: see :func:`maglev_design.symbolic.laws.difference_equation`.
+        Of the difference equation: see
+        :func:`maglev_design.symbolic.running.difference_equation`.
+    controller : Controller
+        Which law.
     """
 
     poles: PoleSpec
     equilibrium: Equilibrium
     method: Method
-    gains: tuple[float, float, float, float]
+    gains: tuple[float, ...]
     believed: Believed
     Y: float
     coefficients: Mapping[str, float]
+    controller: Controller = TAN_GPI
+
+    @property
+    def named_gains(self) -> dict[str, float]:
+        """The gains by the names of the law's symbols."""
+        return dict(zip(gain_names(self.controller), self.gains, strict=True))
 
 
 @dataclass(frozen=True)
@@ -128,40 +150,74 @@ def timing(period: float, delay: float) -> Timing:
 
 
 @cache
-def law() -> laws.ControlLaw:
-    """Return the law that is run (TAN-GPI), derived once a process."""
-    return laws.tan_gpi()
+def law(controller: Controller = TAN_GPI) -> laws.ControlLaw:
+    """Return the law of a controller, derived once a process."""
+    return laws.control_law(controller)
 
 
 @cache
-def equation(method: Method) -> laws.DifferenceEquation:
-    """Return the symbolic difference equation of the law under `method`."""
-    return laws.difference_equation(law(), method)
+def equation(method: Method, controller: Controller = TAN_GPI) -> running.DifferenceEquation:
+    """Return the symbolic difference equation of a law under `method`."""
+    return running.difference_equation(law(controller), method)
+
+
+def gain_names(controller: Controller) -> tuple[str, ...]:
+    """Return the names of a law's gains, in the order of ``Design.gains``."""
+    return tuple(gain.name for gain in law(controller).gains)
 
 
 @cache
-def gains_program() -> Program:
-    """Return the program (zeta_1, omega_1, zeta_2, omega_2) -> (k0, k1, k2, k3)."""
-    desired = laws.pole_pairs_polynomial([(p.zeta_1, p.omega_1), (p.zeta_2, p.omega_2)])
-    gains = laws.match_coefficients(desired, 4)
-    return lower(POLE_SYMBOLS, dict(zip(("k0", "k1", "k2", "k3"), gains, strict=True)))
+def gains_program(controller: Controller = TAN_GPI) -> Program:
+    """Return the program (zeta_1, omega_1, zeta_2, omega_2) -> the law's gains."""
+    first, second = (p.zeta_1, p.omega_1), (p.zeta_2, p.omega_2)
+    order = laws.closed_loop_order(controller)
+    if order == 4:
+        desired = laws.pole_pairs_polynomial([first, second])
+    else:
+        desired = laws.pole_pairs_polynomial([first]) * (p.s + p.omega_2)
+    gains = dict(zip(law(controller).gains, laws.match_coefficients(desired, order), strict=False))
+    gains |= {laws.omega_f: sp.Rational(repr(controller.filter)) * p.omega_2}
+    return lower(POLE_SYMBOLS, {gain.name: gains[gain] for gain in law(controller).gains})
+
+
+def _own_constants(expressions: Iterable[sp.Expr]) -> list[sp.Symbol]:
+    """Return which of beta_c, g, Y and y0 a law's coefficients are made of."""
+    used = {symbol for expression in expressions for symbol in expression.free_symbols}
+    return [symbol for symbol in (p.beta_c, p.g, p.Y, p.y0) if symbol in used]
 
 
 @cache
-def coefficients_program(method: Method) -> Program:
-    """Return the program (C_U^, C_Y^, T, u_min, u_max, k0, ..., k3) -> coefficients."""
-    inputs = (p.C_U_hat, p.C_Y_hat, p.T, laws.u_min, laws.u_max, p.k0, p.k1, p.k2, p.k3)
-    outputs = {s.name: stability.believed(x) for s, x in equation(method).coefficients.items()}
-    return lower(inputs, outputs)
+def coefficients_program(method: Method, controller: Controller = TAN_GPI) -> Program:
+    """Return the program (C_U^, C_Y^, [beta_c, g, Y, y0,] T, u_min, u_max, gains) -> coefficients.
+
+    What stands in brackets only where the law uses it.
+    """
+    coefficients = equation(method, controller).coefficients
+    own = _own_constants(coefficients.values())
+    gains = law(controller).gains
+    inputs = (p.C_U_hat, p.C_Y_hat, *own, p.T, laws.u_min, laws.u_max, *gains)
+    return lower(inputs, {s.name: stability.believed(x) for s, x in coefficients.items()})
+
+
+@cache
+def slope_program(controller: Controller = TAN_GPI) -> Program:
+    """Return the program (u, y_ref, beta_c, y0) -> (slope of the command in w, loop gain^).
+
+    The second is the gain C_U times slope that the controller reckons with, in C_U^.
+    """
+    own = law(controller)
+    inputs = (p.u, p.y_ref, p.beta_c, p.y0, p.C_U_hat)
+    return lower(inputs, {"slope": own.slope, "loop_gain": stability.believed(own.loop_gain)})
 
 
 @cache
 def believed_program(equilibrium: Equilibrium) -> Program:
-    """Return the program (g, beta_c, Y, y0, U) -> (U_hat, C_U_hat, C_Y_hat) of one reading."""
+    """Return the program (g, beta_c, Y, y0, U) -> (U_hat, C_U_hat, C_Y_hat, beta_hat)."""
     plant = p.magnetic_levitation()
     values = believed_coefficients(plant, linearise(plant), equilibrium)
-    names = ("U_hat", "C_U_hat", "C_Y_hat")
-    return lower((p.g, p.beta_c, p.Y, p.y0, p.U), dict(zip(names, values, strict=True)))
+    names = ("U_hat", "C_U_hat", "C_Y_hat", "beta_hat")
+    outputs = dict(zip(names, (*values, believed_beta(plant, equilibrium)), strict=True))
+    return lower((p.g, p.beta_c, p.Y, p.y0, p.U), outputs)
 
 
 @cache
@@ -244,7 +300,8 @@ def path_gaps(rig: Rig, points: int) -> NDArray[np.float64]:
 
 def true_equilibrium(rig: Rig, beta: float, gap: float) -> Believed:
     """Return U, C_U and C_Y of the plant with `beta` at rest at `gap`."""
-    return Believed(*plant_program().scalar()(rig.plant.gravity, beta, rig.plant.gap_offset, gap))
+    u, c_u, c_y = plant_program().scalar()(rig.plant.gravity, beta, rig.plant.gap_offset, gap)
+    return Believed(u, c_u, c_y, beta)
 
 
 def believed_equilibrium(
@@ -268,6 +325,7 @@ def make_design(
     rig: Rig,
     poles: PoleSpec,
     *,
+    controller: Controller = TAN_GPI,
     equilibrium: Equilibrium = "model",
     method: Method | None = None,
     beta_c: float | None = None,
@@ -279,6 +337,7 @@ def make_design(
     ----------
     rig : Rig
     poles : PoleSpec
+    controller : Controller
     equilibrium : {"model", "appendix-a", "measured"}
     method : {"tustin", "euler", "zoh"}, optional
         Default: the rig's.
@@ -299,22 +358,38 @@ def make_design(
         own if beta_c is None else beta_c,
         own if beta_plant is None else beta_plant,
     )
-    k0, k1, k2, k3 = gains_program().scalar()(*poles.values)
-    program = coefficients_program(method)
-    low, high = rig.limits.voltage
-    values = program.scalar()(
-        believed.C_U, believed.C_Y, rig.sampling.period, low, high, k0, k1, k2, k3
-    )
+    program = gains_program(controller)
+    gains = dict(zip(program.outputs, program.scalar()(*poles.values), strict=True))
+    known = coefficient_inputs(rig, believed) | gains
+    program = coefficients_program(method, controller)
+    values = program.scalar()(*[known[name] for name in program.inputs])
     coefficients = dict(zip(program.outputs, values, strict=True))
     return Design(
         poles,
         equilibrium,
         method,
-        (k0, k1, k2, k3),
+        tuple(gains.values()),
         believed,
         rig.operating_point.gap,
         coefficients,
+        controller,
     )
+
+
+def coefficient_inputs(rig: Rig, believed: Believed) -> dict[str, float]:
+    """Return what a law's coefficients are made of besides its gains, by symbol name."""
+    low, high = rig.limits.voltage
+    return {
+        "C_U_hat": believed.C_U,
+        "C_Y_hat": believed.C_Y,
+        "beta_c": believed.beta,
+        "g": rig.plant.gravity,
+        "Y": rig.operating_point.gap,
+        "y0": rig.plant.gap_offset,
+        "T": rig.sampling.period,
+        "u_min": low,
+        "u_max": high,
+    }
 
 
 def check_path_voltage(rig: Rig) -> None:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from maglev_design import design as designs
-from maglev_design.choices import Equilibrium, Method
+from maglev_design.choices import TAN_GPI, Controller, Equilibrium, Method
 from maglev_design.lowering import Program, lower
 from maglev_design.parameters import Rig
 from maglev_design.symbolic import plant as p
@@ -115,26 +115,26 @@ def family(rig: Rig, beta_error: float) -> Family:
 
 
 @cache
-def _law_program(method: Method) -> Program:
-    pulse = stability.sampled_law(designs.law(), method)
-    inputs = (p.C_U_hat, p.C_Y_hat, p.T, p.k0, p.k1, p.k2, p.k3)
-    return lower(inputs, _named(num=pulse.numerator, den=pulse.denominator))
+def _law_program(method: Method, controller: Controller) -> Program:
+    law = designs.law(controller)
+    pulse = stability.sampled_law(law, method)
+    inputs = (p.C_U_hat, p.C_Y_hat, p.T, *law.gains)
+    return lower(inputs, _named(gap=pulse.gap, velocity=pulse.velocity, den=pulse.denominator))
 
 
 @cache
 def _plant_program() -> Program:
-    pulse = stability.sampled_plant()
+    gap, velocity = stability.sampled_plant("gap"), stability.sampled_plant("velocity")
     inputs = (p.C_Y_true, p.T, stability.first_part)
-    return lower(inputs, _named(num=pulse.numerator, den=pulse.denominator))
+    outputs = _named(gap=gap.numerator, velocity=velocity.numerator, den=gap.denominator)
+    return lower(inputs, outputs)
 
 
 @cache
-def _hurwitz_program() -> Program:
-    conditions = stability.routh_hurwitz(stability.closed_loop_polynomial())
-    designed = {p.rho: 1, p.C_Y_true: p.C_Y_hat}
-    shares = [condition / condition.subs(designed) for condition in conditions]
-    inputs = (p.rho, p.C_Y_true, p.C_Y_hat, p.k0, p.k1, p.k2, p.k3)
-    return lower(inputs, _named(share=shares))
+def _hurwitz_program(controller: Controller) -> Program:
+    law = designs.law(controller)
+    inputs = (p.rho, p.C_Y_true, p.C_Y_hat, *law.gains)
+    return lower(inputs, _named(share=stability.hurwitz_shares(law)))
 
 
 def _named(**groups: Sequence[Any]) -> dict[str, Any]:
@@ -142,7 +142,12 @@ def _named(**groups: Sequence[Any]) -> dict[str, Any]:
 
 
 def build_loop(
-    rig: Rig, *, equilibrium: Equilibrium, method: Method, extra_samples: int = 0
+    rig: Rig,
+    *,
+    equilibrium: Equilibrium,
+    method: Method,
+    controller: Controller = TAN_GPI,
+    extra_samples: int = 0,
 ) -> Loop:
     """Return the loop of `rig`'s controller, with `extra_samples` more whole periods of delay."""
     when = designs.timing(rig.sampling.period, rig.sampling.delay)
@@ -153,19 +158,27 @@ def build_loop(
 
     beta_c = designs.plant_beta(rig)
     beta = beta_c / ratio
-    gains = designs.gains_program().casadi(*ca.vertsplit(poles))
-    at_rest = designs.plant_program().casadi(plant.gravity, beta, plant.gap_offset, point.gap)
+    gains = designs.gains_program(controller).casadi(*ca.vertsplit(poles))
+    offset = plant.gap_offset
+    at_rest = designs.plant_program().casadi(plant.gravity, beta, offset, point.gap)
     voltage = point.voltage or at_rest[0]
-    _, c_u_hat, c_y_hat = designs.believed_program(equilibrium).casadi(
-        plant.gravity, beta_c, point.gap, plant.gap_offset, voltage
+    _, c_u_hat, c_y_hat, beta_hat = designs.believed_program(equilibrium).casadi(
+        plant.gravity, beta_c, point.gap, offset, voltage
     )
-    _, c_u, c_y = designs.plant_program().casadi(plant.gravity, beta, plant.gap_offset, gap)
+    held, c_u, c_y = designs.plant_program().casadi(plant.gravity, beta, offset, gap)
+    slope, believed_gain = designs.slope_program(controller).casadi(
+        held, gap, beta_hat, offset, c_u_hat
+    )
+    gain = c_u * slope
 
-    law = _law_program(method).casadi(c_u_hat, c_y_hat, period, *gains)
-    pulse = _plant_program().casadi(c_y, period, when.part)
-    law_num, law_den = law[:3], law[3:]
-    plant_num, plant_den = pulse[:3], pulse[3:]
-    numerator = [c_u * x for x in _product(plant_num, law_num)]
+    law = _split(_law_program(method, controller).casadi(c_u_hat, c_y_hat, period, *gains), 3)
+    pulse = _split(_plant_program().casadi(c_y, period, when.part), [3, 3, 4])
+    law_gap, law_velocity, law_den = law
+    plant_gap, plant_velocity, plant_den = pulse
+    through_gap, through_velocity = (
+        _product(a, b) for a, b in ((plant_gap, law_gap), (plant_velocity, law_velocity))
+    )
+    numerator = [gain * (a + b) for a, b in zip(through_gap, through_velocity, strict=True)]
     denominator = _product(plant_den, law_den) + [ca.SX(0)] * whole
     closed = _sum(denominator, numerator)
 
@@ -173,9 +186,9 @@ def build_loop(
     peak = _modulus(denominator, theta) / _modulus(closed, theta)
     where = ca.vertcat(gap, ratio, theta)
     coefficients = ca.vertcat(*closed)
-    effort = _product(plant_den, law_num) + [ca.SX(0)] * whole
+    effort = [slope * x for x in _product(plant_den, law_gap)] + [ca.SX(0)] * whole
     noise = ca.sqrt(_mean_square(effort, closed))
-    shares = _hurwitz_program().casadi(c_u / c_u_hat, c_y, c_y_hat, *gains)
+    shares = _hurwitz_program(controller).casadi(gain / believed_gain, c_y, c_y_hat, *gains)
     margin = ca.mmin(ca.vertcat(*shares))
     return Loop(
         period=period,
@@ -193,6 +206,14 @@ def build_loop(
         noise_gain=ca.Function("noise_gain", base, [noise, ca.gradient(noise, poles)]),
         hurwitz=ca.Function("hurwitz", base, [margin, ca.gradient(margin, poles)]),
     )
+
+
+def _split(values: Sequence[Any], sizes: int | Sequence[int]) -> list[list[Any]]:
+    """Return `values` in groups: a number of equal ones, or of the given sizes."""
+    if isinstance(sizes, int):
+        sizes = [len(values) // sizes] * sizes
+    ends = np.cumsum(sizes)
+    return [list(values[end - size : end]) for end, size in zip(ends, sizes, strict=True)]
 
 
 def _product(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:

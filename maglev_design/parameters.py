@@ -167,12 +167,34 @@ class Uncertainty(Section):
 
 
 class Emulator(Section):
-    """Effects that only the rig emulator adds."""
+    """Effects that only the rig emulator adds; what is absent is as in the rest of the file."""
 
     inductance: Number = _quantity("H", "L, coil inductance", default=0.0, ge=0)
     resistance: Number = _quantity("ohm", "R, coil resistance", default=0.0, ge=0)
     sensor_step: Number = _quantity("m", "quantisation of the gap", default=0.0, ge=0)
     actuator_step: Number = _quantity("V", "quantisation of the voltage", default=0.0, ge=0)
+    period: Number | None = _quantity(
+        "s", "T on the emulated rig", default=None, gt=0, le=LONGEST_PERIOD
+    )
+    delay: Number | None = _quantity(
+        "s", "delay from sample to voltage on the emulated rig", default=None, ge=0, le=1.0
+    )
+    position_noise: Number | None = _quantity(
+        "m", "standard deviation of the sensor's noise on the emulated rig", default=None, ge=0
+    )
+
+    @model_validator(mode="after")
+    def _coil_is_whole(self) -> Self:
+        if self.inductance > 0 and self.resistance == 0:
+            raise _fault(
+                "resistance", self.resistance, "must be above 0 ohm when an inductance is given"
+            )
+        return self
+
+    @property
+    def time_constant(self) -> float:
+        """L/R [s]; 0 for a coil whose current follows at once."""
+        return self.inductance / self.resistance if self.inductance else 0.0
 
 
 class Rig(Section):
@@ -222,6 +244,7 @@ class Rig(Section):
         for field, gap in gaps.items():
             if not low < gap < high:
                 raise _fault(field, gap, f"must be inside limits.gap, {low} m to {high} m")
+        self._emulator_is_possible()
         samples = self.reference.horizon / self.sampling.period
         if samples > MOST_SAMPLES:
             raise _fault(
@@ -231,6 +254,18 @@ class Rig(Section):
                 "simulated; was another unit meant?",
             )
         return self
+
+    def _emulator_is_possible(self) -> None:
+        """Refuse a delay that the emulated loop would have to remember for too long."""
+        period = self.emulator.period or self.sampling.period
+        delay = self.emulator.delay
+        if delay is not None and delay > MOST_DELAYED_PERIODS * period:
+            raise _fault(
+                "emulator.delay",
+                delay,
+                f"must be at most {MOST_DELAYED_PERIODS} of its periods, "
+                f"{MOST_DELAYED_PERIODS * period:g} s",
+            )
 
 
 def _fault(field: str, value: float, allowed: str) -> PydanticCustomError:
@@ -397,7 +432,7 @@ def _hint(field: str, value: Any) -> str:
     metres = field.endswith(("gap", "gap_offset"))
     if metres and value > LONGEST_GAP:
         return f" (gaps are in metres: {value:g} mm is {value / 1000:g} m)"
-    if field.startswith("sampling") and value > LONGEST_PERIOD:
+    if field.startswith(("sampling", "emulator.")) and value > LONGEST_PERIOD:
         return f" (times are in seconds: {value:g} ms is {value / 1000:g} s)"
     return ""
 

@@ -5,10 +5,12 @@ import math
 from fractions import Fraction
 from typing import Any
 
+import byhand
 import numpy as np
 import pytest
 import reference
-from hypothesis import given
+from byhand import LAWS
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from rigs import MINIMAL, OFFSET, SHORT, rig_with
 from scipy.signal import cont2discrete
@@ -22,6 +24,8 @@ from maglev_design.parameters import Rig
 ROUNDING = 1e-12
 EXPONENTIAL = 1e-10
 """scipy's numerical matrix exponential, and partial fractions with k1 - k2 k3 - k0/k3."""
+POLYNOMIAL = 1e-10
+"""Relative to a coefficient; numpy.poly multiplies the roots one by one."""
 POINTS = 7
 
 FACTORS = [0.85, 1.0, 1.15]
@@ -102,18 +106,21 @@ def test_the_true_equilibrium_is_that_of_the_force_law(data: dict[str, Any]) -> 
     for gap in (0.006, 0.012, 0.02):
         here = designs.true_equilibrium(rig, beta, gap)
         U = math.sqrt(g / beta) * (gap + y0)
-        expected = (U, 2 * beta * U / (gap + y0) ** 2, 2 * beta * U**2 / (gap + y0) ** 3)
+        expected = (U, 2 * beta * U / (gap + y0) ** 2, 2 * beta * U**2 / (gap + y0) ** 3, beta)
         assert dataclasses.astuple(here) == pytest.approx(expected, rel=ROUNDING)
 
 
 def readings(rig: Rig, beta_c: float, voltage: float) -> dict[Equilibrium, tuple[float, ...]]:
-    """Return (U, C_U, C_Y) of the three readings as documented, Z = Y + y0."""
+    """Return (U, C_U, C_Y, beta) of the three readings as documented, Z = Y + y0."""
     g, Z = rig.plant.gravity, rig.operating_point.gap + rig.plant.gap_offset
     U = math.sqrt(g / beta_c) * Z
     return {
-        "model": (U, 2 * g / U, 2 * g / Z),
-        "appendix-a": (voltage, 2 * beta_c * voltage / Z**2, 2 * beta_c * voltage**2 / Z**3),
-        "measured": (voltage, 2 * g / voltage, 2 * g / Z),
+        "model": (U, 2 * g / U, 2 * g / Z, beta_c),
+        "appendix-a": (
+            *(voltage, 2 * beta_c * voltage / Z**2, 2 * beta_c * voltage**2 / Z**3),
+            beta_c,
+        ),
+        "measured": (voltage, 2 * g / voltage, 2 * g / Z, g * Z**2 / voltage**2),
     }
 
 
@@ -134,8 +141,6 @@ def test_the_controller_believes_what_its_reading_says(
 
 # --- a whole design ------------------------------------------------------------------------
 
-SCIPY_NAME = {"tustin": "bilinear", "euler": "euler", "zoh": "zoh"}
-
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("equilibrium", EQUILIBRIA)
@@ -155,14 +160,14 @@ def test_a_design_holds_the_difference_equation_that_its_numbers_give(
     k0, k1, k2, k3 = design.gains
     Z = rig.operating_point.gap + rig.plant.gap_offset
     voltage = math.sqrt(rig.plant.gravity / beta_plant) * Z
-    U, c_u, c_y = readings(rig, beta_of(rig), voltage)[equilibrium]
+    U, c_u, c_y, _ = readings(rig, beta_of(rig), voltage)[equilibrium]
     assert pytest.approx(U, rel=ROUNDING) == design.believed.U
     through = (k2 + c_y) / c_u
     outputs = np.array([[k0 / k3, k1 - k2 * k3 - k0 / k3]]) / c_u
     (a, b, c, d, _) = cont2discrete(
         (np.diag([0.0, -k3]), np.ones((2, 1)), outputs, np.array([[through]])),
         rig.sampling.period,
-        SCIPY_NAME[method],
+        byhand.SCIPY_NAME[method],
     )
     low, high = rig.limits.voltage
     expected = {
@@ -183,6 +188,88 @@ def test_a_design_holds_the_difference_equation_that_its_numbers_give(
         expected[name] = a[row, column]
     assert got == pytest.approx({name: expected[name] for name in got}, rel=EXPONENTIAL)
     assert {"c1", "c2", "d", "f_y", "f_a", "x1_max"} <= set(got)
+
+
+@pytest.mark.parametrize("name", LAWS)
+@given(st.floats(0.2, 3.0), st.floats(5.0, 300.0), st.floats(0.2, 3.0), st.floats(5.0, 300.0))
+@settings(max_examples=25)
+def test_the_gains_of_every_controller_are_those_of_the_polynomial(
+    name: str, zeta_1: float, omega_1: float, zeta_2: float, omega_2: float
+) -> None:
+    poles = (zeta_1, omega_1, zeta_2, omega_2)
+    program = designs.gains_program(LAWS[name])
+    expected = byhand.gains_of(LAWS[name], poles)
+    assert program.outputs == designs.gain_names(LAWS[name])
+    assert set(program.outputs) == set(expected)
+    ours = dict(zip(program.outputs, program.scalar()(*poles), strict=True))
+    assert ours == pytest.approx(expected, rel=POLYNOMIAL)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", LAWS)
+def test_every_controller_s_design_runs_what_its_numbers_give(name: str, method: Method) -> None:
+    rig, law = rig_with(OFFSET, {"limits.voltage": [2.0, 24.0]}), LAWS[name]
+    poles = (0.8, 90.0, 1.3, 120.0)
+    pairs = PoleSpec(poles[:2], poles[2:])
+    design = designs.make_design(rig, pairs, controller=law, method=method)
+    assert (design.controller, design.method) == (law, method)
+    assert design.named_gains == pytest.approx(byhand.gains_of(law, poles), rel=POLYNOMIAL)
+    assert list(design.named_gains.values()) == list(design.gains)
+    here = design.believed
+    core = byhand.core(law, design.named_gains, here.C_U, here.C_Y)
+    a, b, c, d = byhand.sampled(core, rig.sampling.period, method)
+    (low, high), Z = rig.limits.voltage, rig.operating_point.gap + rig.plant.gap_offset
+    known = byhand.Known(
+        *(design.Y, here.U, here.C_U, here.C_Y, here.beta),
+        *(rig.plant.gravity, rig.plant.gap_offset),
+    )
+    expected = {"f_y": here.C_Y / here.C_U, "f_a": -1 / here.C_U}
+    expected |= {"f_g": known.g, "f_0": known.y0, "f_b": 1 / math.sqrt(here.beta)}
+    expected |= {f"a{m + 1}{n + 1}": a[m, n] for m in range(len(a)) for n in range(len(a))}
+    expected |= {f"b{n + 1}": b[n].sum() for n in range(len(a))}
+    expected |= {f"c{n + 1}": c[0, n] for n in range(len(a))}
+    expected |= {"d": d.sum(), "x1_max": byhand.span(law, low, high, known) / c[0, 0]}
+    # a law with two inputs has a column each: e, then e' or the gap from Y
+    if "d_2" in design.coefficients:
+        expected |= {"d": d[0, 0], "d_2": d[0, 1] + d[0, 2]}
+        expected |= {f"b{n + 1}": b[n, 0] for n in range(len(a))}
+        expected |= {f"b{n + 1}_2": b[n, 1] + b[n, 2] for n in range(len(a))}
+    got = dict(design.coefficients)
+    assert got == pytest.approx({name: expected[name] for name in got}, rel=EXPONENTIAL)
+    assert {"c1", "d", "x1_max"} <= set(got)
+    constants = {"f_y", "f_a"} if law.name in ("tan-gpi", "state-feedback") else set()
+    constants |= {"f_g", "f_0", "f_b"} if law.name == "fee-gpi" else set()
+    constants |= {"f_y"} if law.feedforward == "static" else set()
+    assert {name for name in got if name.startswith("f_")} == constants
+    assert Z > design.Y, "the offset matters"
+
+
+def test_a_measured_voltage_gives_the_feedback_linearisation_its_beta() -> None:
+    rig = rig_with(OFFSET, {"operating_point.voltage": 14.0})
+    fee = LAWS["fee-gpi"]
+    pairs = PoleSpec.double(1, 70)
+    Z = rig.operating_point.gap + rig.plant.gap_offset
+    design = designs.make_design(rig, pairs, controller=fee, equilibrium="measured", beta_c=1.0)
+    assert design.believed.beta == pytest.approx(rig.plant.gravity * Z**2 / 14.0**2, rel=ROUNDING)
+    assert design.coefficients["f_b"] == pytest.approx(14.0 / Z / math.sqrt(rig.plant.gravity))
+    own = designs.make_design(rig, pairs, controller=fee, equilibrium="model")
+    assert own.believed.beta == pytest.approx(beta_of(rig), rel=ROUNDING)
+
+
+SLOPE_STEP = 1e-5
+"""[m/s^2] or [V] Of the central difference of a command by w."""
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_slope_program_differentiates_the_command(name: str) -> None:
+    law, known = LAWS[name], byhand.Known(0.0246, 2.0, 9.5, 790.0, 1.4e-3, 9.81, 2e-3)
+    w, y_ref = 0.7, 0.02
+    u = byhand.command(law, w, y_ref, 0.0, known)
+    ends = [byhand.command(law, w + s * SLOPE_STEP, y_ref, 0.0, known) for s in (1, -1)]
+    slope, gain = designs.slope_program(law).scalar()(u, y_ref, known.beta, known.y0, known.C_U)
+    assert slope == pytest.approx((ends[0] - ends[1]) / (2 * SLOPE_STEP), rel=1e-8)
+    assert slope == pytest.approx(byhand.slope(law, u, y_ref, known), rel=ROUNDING)
+    assert gain == (1.0 if law.name == "fee-gpi" else known.C_U)
 
 
 def test_the_paper_s_design_has_the_paper_s_gains(paper_rig: Rig) -> None:

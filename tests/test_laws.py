@@ -1,34 +1,35 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
 
+import byhand
 import numpy as np
 import pytest
 import reference
 import sympy as sp
+from byhand import LAWS, Known
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from scipy.signal import cont2discrete
+from numpy.typing import NDArray
 
-from maglev_design.choices import METHODS, Method
+from maglev_design.choices import CONTROLLERS, Controller
 from maglev_design.lowering import lower
-from maglev_design.symbolic import laws
+from maglev_design.symbolic import laws, stability
 from maglev_design.symbolic import plant as p
+from maglev_design.symbolic.linearisation import linearise
+
+Array = NDArray[np.float64]
 
 LAW = laws.tan_gpi()
-EQUATIONS = {method: laws.difference_equation(LAW, method) for method in METHODS}
+EVERY = {name: laws.control_law(controller) for name, controller in LAWS.items()}
+PLANT = p.magnetic_levitation()
 
 ROUNDING = 1e-12
 POLYNOMIAL = 1e-10
 """Relative to a coefficient; numpy.poly multiplies the roots one by one."""
-EXPONENTIAL = 1e-11
-"""scipy's cont2discrete takes a numerical matrix exponential."""
 
 dampings = st.floats(0.2, 3.0)
 speeds = st.floats(5.0, 300.0)
-coefficients = st.tuples(st.floats(0.5, 50.0), st.floats(50.0, 5000.0))
-periods = st.floats(1e-4, 5e-3)
 
 PAIRS = ((p.zeta_1, p.omega_1), (p.zeta_2, p.omega_2))
 GAINS = lower(
@@ -112,191 +113,232 @@ def test_the_static_feedforward_is_exact_for_the_nonlinear_plant() -> None:
     assert sp.simplify(at_rest - plant.equilibrium_voltage.subs(p.Y, p.y_ref)) == 0
 
 
-# --- discretisation ------------------------------------------------------------------------
-
-SYMBOLS = (p.C_U, p.C_Y, p.T, p.k0, p.k1, p.k2, p.k3)
-
-
-def matrices(core: laws.StateSpace) -> Callable[..., list[np.ndarray]]:
-    shapes = [m.shape for m in (core.A, core.B, core.C, core.D)]
-    entries = [x for m in (core.A, core.B, core.C, core.D) for x in m]
-    run = lower(SYMBOLS, {f"m{n}": x for n, x in enumerate(entries)}).scalar()
-
-    def evaluate(*values: float) -> list[np.ndarray]:
-        flat, result = list(run(*values)), []
-        for rows, columns in shapes:
-            result.append(np.array(flat[: rows * columns]).reshape(rows, columns))
-            flat = flat[rows * columns :]
-        return result
-
-    return evaluate
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_every_word_for_a_controller_has_its_law(name: str) -> None:
+    (chosen,) = [Controller(word) for word in CONTROLLERS if word == name]
+    law = laws.control_law(chosen)
+    assert law.controller == chosen
+    assert law.core.A.shape == (len(law.states), len(law.states))
+    assert law.core.B.shape == (len(law.states), len(law.inputs))
+    assert law.core.D.shape == (1, len(law.inputs))
+    assert len(law.start) == len(law.states)
 
 
-CONTINUOUS = matrices(LAW.core)
-SAMPLED = {method: matrices(laws.discretise(LAW.core, method)) for method in METHODS}
-SCIPY_NAME = {"tustin": "bilinear", "euler": "euler", "zoh": "zoh"}
+@pytest.mark.parametrize("name", EVERY)
+def test_the_core_of_every_law_is_the_one_written_by_hand(name: str) -> None:
+    law, poles = EVERY[name], (0.9, 60.0, 1.2, 75.0)
+    k = byhand.gains_of(LAWS[name], poles)
+    numbers = {p.C_U: 9.4, p.C_Y: 800.0} | {gain: k[gain.name] for gain in law.gains}
+    a, b, c, d = byhand.core(LAWS[name], k, 9.4, 800.0)
+    for s in (3j, 40.0 + 5j, 900j):
+        through = (c @ np.linalg.solve(s * np.eye(len(a)) - a, b) + d)[0]
+        # every one of e, e' and the gap from Y moves with the gap
+        expected = through[0] + s * through[1] + through[2]
+        assert complex(law.transfer(p.s).subs(numbers).subs(p.s, s)) == pytest.approx(expected)
 
 
-@pytest.mark.parametrize("method", METHODS)
-@given(dampings, speeds, coefficients, periods)
-def test_the_discretisation_is_scipy_s(
-    method: Method, zeta: float, omega: float, pair: tuple[float, float], period: float
+# --- what each law makes of the loop at the design point -----------------------------------
+
+FOURTH = p.s**4 + p.k3 * p.s**3 + p.k2 * p.s**2 + p.k1 * p.s + p.k0
+"""(23)"""
+THIRD = p.s**3 + p.k3 * p.s**2 + p.k2 * p.s + p.k1
+"""(16)"""
+
+
+def as_designed(law: laws.ControlLaw) -> sp.Expr:
+    """Return the closed loop's polynomial with the gain and the plant that the law reckons with."""
+    coefficients = stability.closed_loop_polynomial(law)
+    designed = {p.rho: 1, p.C_Y_true: stability.believed(law.C_Y)}
+    order = len(coefficients) - 1
+    return sp.Add(*[c.subs(designed) * p.s ** (order - n) for n, c in enumerate(coefficients)])
+
+
+@pytest.mark.parametrize(
+    ("name", "desired"), [("tan-gpi", FOURTH), ("fee-gpi", FOURTH), ("state-feedback", THIRD)]
+)
+def test_at_the_design_point_the_loop_has_the_desired_polynomial(
+    name: str, desired: sp.Expr
 ) -> None:
-    values = (*pair, period, *GAINS(zeta, omega, 0.7 * zeta + 0.1, 1.3 * omega))
-    a, b, c, d = CONTINUOUS(*values)
-    *expected, _ = cont2discrete((a, b, c, d), period, SCIPY_NAME[method])
-    for ours, theirs in zip(SAMPLED[method](*values), expected, strict=True):
-        scale = np.abs(theirs).max()
-        assert ours == pytest.approx(theirs, rel=EXPONENTIAL, abs=EXPONENTIAL * scale)
+    assert sp.expand(as_designed(EVERY[name]) - desired) == 0
 
 
-# --- the step that runs --------------------------------------------------------------------
+def test_the_feedback_linearisation_is_designed_for_a_double_integrator() -> None:
+    law = EVERY["fee-gpi"]
+    assert law.C_Y == 0
+    coefficients = stability.closed_loop_polynomial(law)
+    assert not {p.C_Y_hat, p.C_U_hat} & set().union(*(c.free_symbols for c in coefficients))
+    integrators = [c.subs({p.rho: 1, p.C_Y_true: 0}) for c in coefficients]
+    assert integrators == [1, p.k3, p.k2, p.k1, p.k0]
 
 
-def stepper(method: Method) -> tuple[list[str], Callable[..., Sequence[float]]]:
-    """Return the names of the coefficients and the step that takes them last."""
-    equation = EQUATIONS[method]
-    names = list(equation.coefficients)
-    inputs = (*LAW.states, p.y, p.y_ref, p.acc_ref, p.Y, p.U, laws.u_min, laws.u_max, *names)
-    outputs = {f"next{n}": x for n, x in enumerate(equation.next_states)}
-    outputs |= {"commanded": laws.commanded, "applied": equation.applied}
-    program = lower(inputs, outputs, {laws.commanded: equation.commanded})
-    return [s.name for s in names], program.scalar()
+PIDS = [name for name in EVERY if "lin-pid" in name]
 
 
-STEPS = {method: stepper(method) for method in METHODS}
-NUMBERS = {
-    method: lower(
-        (p.C_U, p.C_Y, p.T, laws.u_min, laws.u_max, p.k0, p.k1, p.k2, p.k3),
-        {s.name: x for s, x in EQUATIONS[method].coefficients.items()},
-    ).scalar()
-    for method in METHODS
-}
-HIGH = 5.0
-"""[V] Upper limit of the voltage in these tests."""
-
-REST = (0.0246, 2.0825)
-"""Y, U of the runs below; any would do."""
-C_U_C_Y_T = (9.4213685474, 797.56097561, 1e-3)
+@pytest.mark.parametrize("name", PIDS)
+def test_without_its_filter_the_pid_has_the_desired_polynomial(name: str) -> None:
+    polynomial = sp.expand(as_designed(EVERY[name]) / laws.omega_f)
+    assert sp.expand(sp.limit(polynomial, laws.omega_f, sp.oo) - THIRD) == 0
 
 
-def run(method: Method, *state_and_inputs: float, high: float = HIGH) -> Sequence[float]:
-    """Return (next states, commanded, applied) for (x1, x2, y, y*, y*'')."""
-    numbers = NUMBERS[method](*C_U_C_Y_T, 0.0, high, *reference.GAINS)
-    return STEPS[method][1](*state_and_inputs, *REST, 0.0, high, *numbers)
+@pytest.mark.parametrize("name", PIDS)
+def test_without_its_filter_the_pid_is_the_state_feedback(name: str) -> None:
+    ideal = sp.limit(EVERY[name].transfer(p.s), laws.omega_f, sp.oo)
+    assert sp.simplify(ideal - EVERY["state-feedback"].transfer(p.s)) == 0
 
 
-states = st.floats(-2e-5, 2e-5)
-small = st.floats(-5e-4, 5e-4)
+def test_with_feedforward_the_pid_commands_what_the_state_feedback_does_at_rest() -> None:
+    pid, feedback = EVERY["lin-pid with feedforward"], EVERY["state-feedback"]
+    still = feedback.command.subs(feedback.constants).subs(p.acc_ref, 0)
+    assert sp.expand(pid.command.subs(pid.constants) - still) == 0
+    assert EVERY["lin-pid"].command.subs(laws.w, 0) == p.U
 
 
-@pytest.mark.parametrize("method", METHODS)
-@given(states, states, small, st.floats(0.012, 0.025), st.floats(-0.3, 0.3))
-def test_inside_the_limits_the_step_is_the_linear_one(
-    method: Method, x1: float, x2: float, error: float, y_ref: float, acc_ref: float
-) -> None:
-    *moved, commanded, applied = run(method, x1, x2, y_ref + error, y_ref, acc_ref)
-    assume(0.0 < commanded < HIGH)
-    a, b, c, d = SAMPLED[method](*C_U_C_Y_T, *reference.GAINS)
-    state = np.array([[x1], [x2]])
-    e = (y_ref + error) - y_ref
-    c_u, c_y, _ = C_U_C_Y_T
-    expected = REST[1] + (c_y * (y_ref - REST[0]) - acc_ref) / c_u + (c @ state + d * e)[0, 0]
-    assert commanded == pytest.approx(expected, rel=1e-10, abs=1e-10)
-    assert applied == commanded
-    assert moved == pytest.approx((a @ state + b * e).ravel(), rel=1e-10, abs=1e-18)
+@pytest.mark.parametrize("name", ["tan-gpi", "state-feedback", "lin-pid with feedforward"])
+def test_a_linear_law_s_loop_gain_is_that_of_the_plant(name: str) -> None:
+    assert EVERY[name].loop_gain == p.C_U
+    assert EVERY[name].slope == 1
+    assert sp.diff(EVERY[name].command, laws.w) == 1
 
 
-@pytest.mark.parametrize("method", METHODS)
-@given(st.floats(-1e-3, 1e-3), states, st.floats(-0.02, 0.02), st.floats(0.5, 20.0))
-def test_the_applied_voltage_never_leaves_its_range(
-    method: Method, x1: float, x2: float, error: float, high: float
-) -> None:
-    *_, commanded, applied = run(method, x1, x2, 0.02 + error, 0.02, 0.0, high=high)
-    assert applied == min(max(commanded, 0.0), high)
+# --- exact feedforward linearisation -------------------------------------------------------
+
+FEE = EVERY["fee-gpi"]
+TRUTH = {p.beta_c: p.beta}
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize(("error", "sign"), [(4e-3, 1), (-4e-3, -1)])
-def test_an_integrator_waits_while_it_would_push_into_the_clamp(
-    method: Method, error: float, sign: int
-) -> None:
-    x1, x2, commanded, applied = run(method, 0.0, 0.0, 0.0246 + error, 0.0246, 0.0)
-    assert sign * (commanded - applied) > 0, "the clamp is active"
-    assert x1 == 0.0
-    assert sign * x2 > 0, "the lag goes on"
+def test_the_feedback_linearisation_holds_the_ball_at_any_gap() -> None:
+    voltage = FEE.feedforward.subs(p.acc_ref, 0).subs(TRUTH)
+    assert sp.simplify(voltage - (p.y_ref + p.y0) * sp.sqrt(p.g / p.beta)) == 0
+    assert sp.simplify(PLANT.acceleration.subs({p.y: p.y_ref, p.u: voltage})) == 0
+    assert not {p.U, p.Y, p.C_U, p.C_Y} & FEE.feedforward.free_symbols
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("error", [4e-3, -4e-3])
-def test_an_integrator_that_pulls_away_from_the_clamp_moves(method: Method, error: float) -> None:
-    lag = 0.0125 * error  # its share of the voltage is opposite to the error's, and larger
-    x1, _, commanded, applied = run(method, 0.0, lag, 0.0246 + error, 0.0246, 0.0)
-    assert (applied - commanded) * error > 0, "the clamp is active, on the other side"
-    assert x1 == pytest.approx(error * C_U_C_Y_T[2], rel=1e-9)
+def test_on_its_path_the_feedback_linearisation_asks_for_the_acceleration_it_says() -> None:
+    pull = sp.Symbol("pull", positive=True)  # g - y*'' + w
+    command = FEE.command.subs(FEE.constants).subs(TRUTH).subs(laws.w, pull - p.g + p.acc_ref)
+    moved = PLANT.acceleration.subs({p.y: p.y_ref, p.u: command})
+    assert sp.simplify(moved - (p.g - pull)) == 0
 
 
-@pytest.mark.parametrize("method", METHODS)
-@given(st.floats(-1.0, 1.0), st.floats(-0.05, 0.05))
-def test_an_integrator_s_share_of_the_voltage_stays_within_the_range(
-    method: Method, x1: float, error: float
-) -> None:
-    _, _, c, _ = SAMPLED[method](*C_U_C_Y_T, *reference.GAINS)
-    following, *_ = run(method, x1, 0.0, 0.02 + error, 0.02, 0.0)
-    if following != x1:  # frozen ones stay where they are
-        assert abs(c[0, 0] * following) <= HIGH * (1 + ROUNDING)
+def test_its_loop_gain_is_the_plant_s_coefficient_times_the_slope() -> None:
+    at_rest = {p.u: PLANT.equilibrium_voltage, p.y_ref: p.Y} | TRUTH
+    gain = linearise(PLANT).C_U.subs(p.U, PLANT.equilibrium_voltage) * FEE.slope.subs(at_rest)
+    assert sp.simplify(gain - FEE.loop_gain) == 0
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_without_an_upper_limit_nothing_is_held_back(method: Method) -> None:
-    x1, _, commanded, applied = run(method, 0.0, 0.0, 0.0346, 0.0246, 0.0, high=math.inf)
-    assert commanded == applied > HIGH
-    assert x1 > 0.0
-
-
-# --- the continuous law --------------------------------------------------------------------
-
-RATES, COMMAND = laws.continuous_equation(LAW)
-FLOW = lower(
-    (
-        *LAW.states,
-        p.y,
-        p.y_ref,
-        p.acc_ref,
-        p.Y,
-        p.U,
-        laws.u_min,
-        laws.u_max,
-        *SYMBOLS[:2],
-        *LAW.gains,
-    ),
-    {"rate1": RATES[0], "rate2": RATES[1], "commanded": laws.commanded},
-    {laws.commanded: COMMAND},
+COMMAND = lower(
+    (laws.w, p.y_ref, p.acc_ref, p.beta_c, p.g, p.y0), {"u": FEE.command.subs(FEE.constants)}
 ).scalar()
+SLOPE = lower((p.u, p.y_ref, p.beta_c, p.y0), {"slope": FEE.slope}).scalar()
+
+gaps = st.floats(2e-3, 0.05)
+betas = st.floats(1e-4, 1e-1)
+offsets = st.one_of(st.just(0.0), st.floats(1e-4, 0.01))
+gravity = 9.81
+STEP = 1e-4
+"""[m/s^2] Of the central differences; their error is its square over that of g, 1e-10."""
 
 
-def flow(x1: float, x2: float, error: float, high: float = HIGH) -> Sequence[float]:
-    return FLOW(
-        x1, x2, 0.0246 + error, 0.0246, 0.0, *REST, 0.0, high, *C_U_C_Y_T[:2], *reference.GAINS
-    )
-
-
-@given(states, states, small)
-def test_the_continuous_law_is_its_state_space_inside_the_limits(
-    x1: float, x2: float, error: float
+@given(gaps, betas, offsets, st.floats(-5.0, 30.0), st.floats(-3.0, 3.0))
+def test_the_slope_is_that_of_the_command(
+    y_ref: float, beta: float, y0: float, w: float, acc: float
 ) -> None:
-    *rates, commanded = flow(x1, x2, error)
-    assume(0.0 < commanded < HIGH)
-    a, b, c, d = CONTINUOUS(*C_U_C_Y_T, *reference.GAINS)
-    state, e = np.array([[x1], [x2]]), (0.0246 + error) - 0.0246
-    assert rates == pytest.approx((a @ state + b * e).ravel(), rel=1e-10, abs=1e-15)
-    assert commanded == pytest.approx(REST[1] + (c @ state + d * e)[0, 0], rel=1e-10)
+    ends = [COMMAND(w + sign * STEP, y_ref, acc, beta, gravity, y0)[0] for sign in (1, -1)]
+    (u,) = COMMAND(w, y_ref, acc, beta, gravity, y0)
+    (slope,) = SLOPE(u, y_ref, beta, y0)
+    assert slope == pytest.approx((ends[0] - ends[1]) / (2 * STEP), rel=1e-8)
 
 
-@pytest.mark.parametrize("sign", [1, -1])
-def test_the_continuous_integrator_stops_at_the_clamp_and_at_its_bound(sign: int) -> None:
-    bound = HIGH * C_U_C_Y_T[0] * reference.GAINS[3] / reference.GAINS[0]
-    assert flow(0.0, 0.0, sign * 4e-3)[0] == 0.0
-    assert flow(-sign * 1e-4, 0.0, sign * 4e-3)[0] == 0.0, "still pushing outwards"
-    assert flow(sign * 1.01 * bound, -sign * 2e-3, sign * 1e-5)[0] == 0.0
-    assert flow(sign * 1.01 * bound, 0.0, -sign * 1e-5)[0] == pytest.approx(-sign * 1e-5)
+corrections = st.floats(-200.0, 200.0)
+
+
+@given(gaps, betas, offsets, corrections, corrections)
+def test_the_command_rises_with_the_correction_everywhere(
+    y_ref: float, beta: float, y0: float, one: float, other: float
+) -> None:
+    assume(abs(one - other) > 1e-6)
+    low, high = sorted((one, other))
+    a, b = (COMMAND(w, y_ref, 0.1, beta, gravity, y0)[0] for w in (low, high))
+    assert a < b
+
+
+@given(gaps, betas, offsets, st.floats(1e-3, 100.0))
+def test_beyond_free_fall_the_command_is_negative_and_odd(
+    y_ref: float, beta: float, y0: float, pull: float
+) -> None:
+    up, down = (COMMAND(s * pull - gravity, y_ref, 0.0, beta, gravity, y0)[0] for s in (1, -1))
+    assert down < 0 < up
+    # g and w cancel to `pull`
+    assert up + down == pytest.approx(0.0, abs=1e-11 * up / min(1.0, pull))
+    known = Known(math.nan, math.nan, math.nan, math.nan, beta, gravity, y0)
+    assert down == pytest.approx(byhand.command(LAWS["fee-gpi"], -pull - gravity, y_ref, 0, known))
+
+
+# --- against the nonlinear loop, differentiated numerically --------------------------------
+
+
+def nonlinear_rates(
+    law: Controller, k: dict[str, float], x: Array, y_ref: float, beta: float, known: Known
+) -> Array:
+    """Return the rates of (y, y', controller states) of the nonlinear loop at a held reference."""
+    a, b, c, d = byhand.core(law, k, known.C_U, known.C_Y)
+    read = np.array([x[0] - y_ref, x[1], x[0] - known.Y])
+    w = (c @ x[2:] + d @ read).item()
+    u = byhand.command(law, w, y_ref, 0.0, known)
+    pull = known.g - beta * u**2 / (x[0] + known.y0) ** 2
+    return np.array([x[1], pull, *(a @ x[2:] + b @ read)])
+
+
+def at_rest(law: Controller, k: dict[str, float], y_ref: float, beta: float, known: Known) -> Array:
+    """Return the state in which a loop with an integrator rests at y*."""
+    a, b, c, d = byhand.core(law, k, known.C_U, known.C_Y)
+    u = math.sqrt(known.g / beta) * (y_ref + known.y0)
+    ends = [byhand.command(law, w, y_ref, 0.0, known) for w in (0.0, 1.0)]
+    w = u - ends[0]
+    if law.name == "fee-gpi":
+        w = known.beta * (u / (y_ref + known.y0)) ** 2 - known.g
+    else:
+        assert ends[1] - ends[0] == pytest.approx(1.0)
+    read = np.array([0.0, 0.0, y_ref - known.Y])
+    states = np.zeros(len(a))
+    if len(a) > 1:
+        states[1] = -(b @ read)[1] / a[1, 1]
+    states[0] = (w - (c @ states + d @ read).item()) / c[0, 0]
+    return np.array([y_ref, 0.0, *states])
+
+
+SCALES = (1e-8, 1e-6, 1e-9, 1e-9)
+"""Steps of the central differences in y, y' and the controller's states [SI]."""
+
+
+@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize(("share", "factor"), [(1.0, 1.0), (0.6, 0.85), (1.2, 1.15)])
+def test_the_polynomial_is_that_of_the_nonlinear_loop(
+    name: str, share: float, factor: float
+) -> None:
+    # at the gap `share` Y, the controller's beta off by `factor`
+    law, symbolic = LAWS[name], EVERY[name]
+    g, y0, Y, beta = 9.81, 1.5e-3, 0.0246, 1.3e-3
+    beta_c = factor * beta
+    U = math.sqrt(g / beta_c) * (Y + y0)
+    known = Known(Y, U, 2 * g / U, 2 * g / (Y + y0), beta_c, g, y0)
+    k = byhand.gains_of(law, (0.9, 60.0, 1.2, 75.0))
+    y_ref = share * Y
+    x = at_rest(law, k, y_ref, beta, known)
+    assert nonlinear_rates(law, k, x, y_ref, beta, known) == pytest.approx(0.0, abs=1e-9)
+    columns = []
+    for n, step in enumerate(SCALES[: len(x)]):
+        moved = step * np.eye(len(x))[n]
+        ends = [nonlinear_rates(law, k, x + s * moved, y_ref, beta, known) for s in (1, -1)]
+        columns.append((ends[0] - ends[1]) / (2 * step))
+    jacobian = np.stack(columns, axis=1)
+
+    u = math.sqrt(g / beta) * (y_ref + y0)
+    numbers = {p.u: u, p.y_ref: y_ref, p.beta_c: beta_c, p.y0: y0, p.C_U: known.C_U}
+    gain = 2 * g / u * float(sp.sympify(symbolic.slope).subs(numbers))
+    rho = gain / float(sp.sympify(symbolic.loop_gain).subs(numbers))
+    values = {p.rho: rho, p.C_Y_true: 2 * g / (y_ref + y0), p.C_Y_hat: known.C_Y}
+    values |= {gain: k[gain.name] for gain in symbolic.gains}
+    ours = [float(c.subs(values)) for c in stability.closed_loop_polynomial(symbolic)]
+    theirs = np.poly(np.linalg.eigvals(jacobian)).real
+    assert ours == pytest.approx(theirs, rel=1e-6)

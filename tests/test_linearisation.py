@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import pytest
@@ -11,6 +12,7 @@ from maglev_design.choices import EQUILIBRIA, Equilibrium
 from maglev_design.lowering import lower
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.linearisation import (
+    believed_beta,
     believed_coefficients,
     linearise,
     taylor_residual,
@@ -110,18 +112,25 @@ def test_the_expansion_leaves_nothing_at_first_order() -> None:
 
 
 def test_a_wrong_coefficient_leaves_something() -> None:
-    wrong = linearise(
-        p.Plant(
-            PLANT.force_balance,
-            PLANT.current,
-            PLANT.beta,
-            p.g - p.beta * p.u**2 / (p.y + p.y0) ** 3,
-            PLANT.equilibrium_voltage,
-        )
-    )
+    steeper = p.g - p.beta * p.u**2 / (p.y + p.y0) ** 3
+    wrong = linearise(dataclasses.replace(PLANT, acceleration=steeper))
     assert taylor_residual(PLANT, wrong) != 0
 
 
 def test_the_state_space_is_equation_10() -> None:
     moved = LOCAL.A * sp.Matrix([p.y_d, p.v_d]) + LOCAL.B * p.u_d
     assert moved == sp.Matrix([p.v_d, p.C_Y * p.y_d - p.C_U * p.u_d])
+
+
+@given(gravities, betas, offsets, gaps, st.floats(1.0, 20.0))
+def test_a_measured_equilibrium_says_what_beta_is(
+    g: float, beta_c: float, y0: float, Y: float, measured: float
+) -> None:
+    for reading in EQUILIBRIA:
+        program = lower((p.g, p.beta_c, p.Y, p.y0, p.U), {"beta": believed_beta(PLANT, reading)})
+        (value,) = program.scalar()(g, beta_c, Y, y0, measured)
+        if reading == "measured":
+            assert value == pytest.approx(g * (Y + y0) ** 2 / measured**2, rel=ROUNDING)
+            assert acceleration(g, value, y0, Y, measured) == pytest.approx(0.0, abs=1e-14 * g)
+        else:
+            assert value == beta_c

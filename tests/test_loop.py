@@ -4,18 +4,24 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import byhand
 import control
 import numpy as np
 import pytest
+from byhand import LAWS, OTHERS, Known
 from numpy.typing import NDArray
-from rigs import OFFSET, SHORT, rig_with
+from rigs import OFFSET, SHORT, changed, rig_with
 from scipy.linalg import expm
+from scipy.optimize import brentq
 from scipy.signal import cont2discrete, tf2ss
 
 from maglev_design import loop as loops
-from maglev_design.choices import EQUILIBRIA, METHODS, Equilibrium, Method
+from maglev_design.choices import EQUILIBRIA, METHODS, TAN_GPI, Controller, Equilibrium, Method
+from maglev_design.design import PoleSpec, make_design, plant_beta
 from maglev_design.loop import Family, Loop, build_loop
 from maglev_design.parameters import Rig
+from maglev_design.simulate import Scenario, loop_for
+from maglev_design.simulate.response import parameter_vector
 
 Array = NDArray[np.float64]
 
@@ -88,15 +94,23 @@ def gains_of(poles: tuple[float, ...]) -> Array:
 
 
 def believed(rig: Rig, reading: Equilibrium, ratio: float) -> tuple[float, float]:
+    known = told(rig, reading, ratio)
+    return known.C_U, known.C_Y
+
+
+def told(rig: Rig, reading: Equilibrium, ratio: float) -> Known:
     plant, point = rig.plant, rig.operating_point
     g, Z = plant.gravity, point.gap + plant.gap_offset
     beta_c = plant.force_constant * plant.current_gain**2 / plant.mass
     U = math.sqrt(g / beta_c) * Z
     if reading != "model":
         U = point.voltage or math.sqrt(g * ratio / beta_c) * Z
+    C_U, C_Y = 2 * g / U, 2 * g / Z
     if reading == "appendix-a":
-        return 2 * beta_c * U / Z**2, 2 * beta_c * U**2 / Z**3
-    return 2 * g / U, 2 * g / Z
+        C_U, C_Y = 2 * beta_c * U / Z**2, 2 * beta_c * U**2 / Z**3
+    if reading == "measured":
+        beta_c = g * Z**2 / U**2
+    return Known(point.gap, U, C_U, C_Y, beta_c, g, plant.gap_offset)
 
 
 def actual(rig: Rig, gap: float, ratio: float) -> tuple[float, float]:
@@ -114,13 +128,26 @@ def linear(
     ratio: float,
     reading: Equilibrium = "model",
     extra: int = 0,
+    controller: Controller = TAN_GPI,
 ) -> Linear:
     T, delay = rig.sampling.period, rig.sampling.delay + extra * rig.sampling.period
-    k0, k1, k2, k3 = gains_of(poles)
-    C_U, C_Y = believed(rig, reading, ratio)
-    law = tf2ss(np.array([k2 + C_Y, k1 + k3 * C_Y, k0]) / C_U, [1.0, k3, 0.0])
-    kind = {"tustin": "bilinear", "euler": "euler", "zoh": "zoh"}[method]
-    a, b, c, d, _ = cont2discrete(law, T, kind)
+    known = told(rig, reading, ratio)
+    if controller == TAN_GPI:
+        k0, k1, k2, k3 = gains_of(poles)
+        C_U, C_Y = known.C_U, known.C_Y
+        law = tf2ss(np.array([k2 + C_Y, k1 + k3 * C_Y, k0]) / C_U, [1.0, k3, 0.0])
+        a, b, c, d, _ = cont2discrete(law, T, byhand.SCIPY_NAME[method])
+        heard = np.array([[1.0, 0.0]])
+    else:
+        k = byhand.gains_of(controller, poles)
+        a, b, c, d = byhand.sampled(byhand.core(controller, k, known.C_U, known.C_Y), T, method)
+        heard = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 0.0]])
+        held_at = math.sqrt(known.g * ratio / plant_beta(rig)) * (gap + known.y0)
+        rise = byhand.slope(controller, held_at, gap, known)
+        c, d = rise * c, rise * d
+    noisy = heard @ np.array([[1.0], [0.0]])  # noise is on the gap alone
+    b_noise, d_noise = b @ noisy, (d @ noisy).item()
+    b, d = b @ heard, d @ heard
 
     true_u, true_y = actual(rig, gap, ratio)
     flow = np.zeros((3, 3))
@@ -131,9 +158,10 @@ def linear(
     held = whole + (part > 0)
     A_1, A_0 = expm(flow * part), expm(flow * (T - part))
     fresh, stale = A_0[:2, 2], A_0[:2, :2] @ A_1[:2, 2]
-    size = 4 + held
+    own = len(a)
+    size = 2 + held + own
     u = np.zeros((1, size))
-    u[0, 0], u[0, -2:] = d.item(), c.ravel()
+    u[0, :2], u[0, -own:] = d.ravel(), c.ravel()
     onto = [u, *np.eye(size)[None, 2 : 2 + held].transpose(1, 0, 2)]  # u_k, u_{k-1}, ...
     A = np.zeros((size, size))
     A[:2, :2] = expm(flow * T)[:2, :2]
@@ -141,12 +169,12 @@ def linear(
     if part:
         A[:2] += np.outer(stale, onto[whole + 1])
     B = np.zeros((size, 1))
-    B[:2, 0] = fresh * d.item() if whole == 0 else 0.0
+    B[:2, 0] = fresh * d_noise if whole == 0 else 0.0
     for n in range(held):
         A[2 + n] = onto[n]
-        B[2 + n] = d if n == 0 else 0.0
-    A[-2:, -2:], A[-2:, :1], B[-2:] = a, b, b
-    return Linear(A, B, np.eye(size)[:1], u, d.item(), T)
+        B[2 + n] = d_noise if n == 0 else 0.0
+    A[-own:, -own:], A[-own:, :2], B[-own:] = a, b, b_noise
+    return Linear(A, B, np.eye(size)[:1], u, d_noise, T)
 
 
 def over(rig: Rig) -> Family:
@@ -154,9 +182,15 @@ def over(rig: Rig) -> Family:
 
 
 def loop_of(
-    rig: Rig, method: Method = "tustin", reading: Equilibrium = "model", extra: int = 0
+    rig: Rig,
+    method: Method = "tustin",
+    reading: Equilibrium = "model",
+    extra: int = 0,
+    controller: Controller = TAN_GPI,
 ) -> Loop:
-    return build_loop(rig, equilibrium=reading, method=method, extra_samples=extra)
+    return build_loop(
+        rig, equilibrium=reading, method=method, controller=controller, extra_samples=extra
+    )
 
 
 CASES: list[tuple[str, Method, Equilibrium, int]] = [
@@ -285,18 +319,25 @@ def differences(function: Any, poles: tuple[float, ...], step: float) -> list[fl
     return found
 
 
+GRADIENT_CASES = [
+    ("tan-gpi", name, seed)
+    for name in ("short", "more than a sample late", "offset")
+    for seed in range(3)
+]
+GRADIENT_CASES += [(law, "offset", n % 3) for n, law in enumerate(OTHERS)]
+
+
 @pytest.mark.parametrize("figure", ["Ms", "radius", "noise", "hurwitz"])
-@pytest.mark.parametrize("name", ["short", "more than a sample late", "offset"])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("law", "name", "seed"), GRADIENT_CASES)
 def test_gradients_by_the_four_poles_are_those_of_the_values(
-    figure: str, name: str, seed: int
+    figure: str, law: str, name: str, seed: int
 ) -> None:
     rig = RIGS[name]
     random = np.random.default_rng(seed)
     z1, z2 = random.uniform(0.7, 1.4, 2)
     w1, w2 = random.uniform(45, 70, 2)
     poles = (float(z1), float(w1), float(z2), float(w2))
-    function, where = loop_of(rig, METHODS[seed]), over(rig)
+    function, where = loop_of(rig, METHODS[seed], controller=LAWS[law]), over(rig)
 
     def value(p: Any) -> loops.Extreme:
         if figure == "Ms":
@@ -313,6 +354,212 @@ def test_gradients_by_the_four_poles_are_those_of_the_values(
     size = np.abs(numeric * scale).max()
     assert size > 0
     assert np.abs((gradient - numeric) * scale).max() <= DIFFERENCE * size
+
+
+# --- every controller ----------------------------------------------------------------------
+
+POLYNOMIAL = 1e-9
+"""Relative to its value on circles that enclose the roots, near 1 and all."""
+CIRCLES = np.concatenate(
+    [
+        center + radius * np.exp(2j * np.pi * np.arange(16) / 16)
+        for center, radius in ((1, 0.4), (0, 1.5))
+    ]
+)
+LATE: dict[str, tuple[str, int]] = {
+    "in time": ("short", 0),
+    "part of a sample late": ("part of a sample late", 0),
+    "more than a sample late": ("more than a sample late", 0),
+    "a sample and more late, offset": ("offset, late, measured voltage", 1),
+}
+
+
+def evaluated(rig: Rig, system: Linear) -> Any:
+    """Return det(z I - A) on the circles, and the root 0 of a delay without a part."""
+    size = len(system.A)
+    values = np.array([np.linalg.det(z * np.eye(size) - system.A) for z in CIRCLES])
+    part = round(rig.sampling.delay / rig.sampling.period, 9) % 1
+    return values if part else values * CIRCLES
+
+
+@pytest.mark.parametrize("late", LATE)
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", LAWS)
+def test_the_characteristic_is_that_of_the_state_space(
+    name: str, method: Method, late: str
+) -> None:
+    (case, extra), law = LATE[late], LAWS[name]
+    rig = RIGS[case]
+    for reading in EQUILIBRIA:
+        function = loop_of(rig, method, reading, extra, law)
+        for gap, ratio in ((rig.operating_point.gap, 1.0), (0.016, 0.85), (0.012, 1.2)):
+            system = linear(rig, method, POLES, gap, ratio, reading, extra, law)
+            row = function.characteristic(POLES, gap, ratio)[0].full().ravel()
+            expected = evaluated(rig, system)
+            assert np.polyval(row, CIRCLES) == pytest.approx(expected, rel=POLYNOMIAL)
+
+
+OTHER_CASES: list[tuple[str, str, Method, Equilibrium, int]] = [
+    (name, *case) for name in OTHERS for case in (CASES[n] for n in (1, 7, 10))
+]
+
+
+@pytest.mark.parametrize(("law", "name", "method", "reading", "extra"), OTHER_CASES)
+def test_sensitivity_radius_and_noise_of_every_controller(
+    law: str, name: str, method: Method, reading: Equilibrium, extra: int
+) -> None:
+    rig, poles, controller = RIGS[name], (1.0, 60.0, 0.9, 50.0), LAWS[law]
+    function = loop_of(rig, method, reading, extra, controller)
+    every = [
+        linear(rig, method, poles, gap, ratio, reading, extra, controller)
+        for gap, ratio in over(rig).grid(5, 3).T
+    ]
+    radius = loops.spectral_radius(function, poles, over(rig)).value
+    assert radius == pytest.approx(max(one.radius() for one in every), rel=1e-6)
+    if radius < 1:
+        noise = loops.noise_voltage(function, poles, over(rig), 2e-6).value
+        expected = 2e-6 * max(one.noise() for one in every)
+        assert noise == pytest.approx(expected, rel=NOISE_ROUNDING)
+    if controller.name == "state-feedback":
+        return  # the noise of one of two sensors is not what |S| is about
+    found = loops.peak_sensitivity(function, poles, over(rig))
+    here = linear(rig, method, poles, found.gap, found.ratio, reading, extra, controller)
+    at = np.exp(1j * found.omega * rig.sampling.period)
+    assert abs(here.sensitivity()(at)) == pytest.approx(found.value, rel=ROUNDING)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("late", ["short", "more than a sample late"])
+def test_the_sensitivity_of_the_state_feedback_is_that_of_the_loop_cut_at_the_plant(
+    late: str, method: Method
+) -> None:
+    rig, law = RIGS[late], LAWS["state-feedback"]
+    function = loop_of(rig, method, controller=law)
+    for theta in (0.02, 0.1, 0.5, 2.0):
+        z = np.exp(1j * theta)
+        # 1/(1 + L), L = 0 when the law is deaf: the same matrices with and without feedback
+        closed = linear(rig, method, POLES, 0.021, 1.1, controller=law)
+        size = len(closed.A)
+        chi = np.linalg.det(z * np.eye(size) - closed.A)
+        a, *_ = byhand.sampled(
+            byhand.core(law, byhand.gains_of(law, POLES), 1.0, 1.0), rig.sampling.period, method
+        )
+        _, c_y = actual(rig, 0.021, 1.1)
+        flow = expm(np.array([[0, 1], [c_y, 0]]) * rig.sampling.period)
+        cut = np.linalg.det(z * np.eye(2) - flow) * np.linalg.det(z * np.eye(len(a)) - a)
+        cut *= z ** (size - 2 - len(a))
+        found = float(function.sensitivity(POLES, 0.021, 1.1, theta)[0])
+        assert found == pytest.approx(abs(cut / chi), rel=ROUNDING)
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_the_hurwitz_margin_of_every_controller_decides_stability(name: str) -> None:
+    random, law = np.random.default_rng(7), LAWS[name]
+    rig = RIGS["offset"]
+    functions = {reading: loop_of(rig, reading=reading, controller=law) for reading in EQUILIBRIA}
+    low, high = over(rig).gaps
+    verdicts = []
+    for n in range(60):
+        reading = EQUILIBRIA[n % 3]
+        w = random.uniform(0.1, 2, 2) * math.sqrt(2 * 9.81 / high)
+        poles = (random.uniform(0.3, 2), float(w[0]), random.uniform(0.3, 2), float(w[1]))
+        gap, ratio = random.uniform(0.3 * low, 3 * high), random.uniform(0.1, 3)
+        known, (c_u, c_y) = told(rig, reading, ratio), actual(rig, gap, ratio)
+        a, b, c, d = byhand.core(law, byhand.gains_of(law, poles), known.C_U, known.C_Y)
+        c_u *= byhand.slope(law, 2 * known.g / c_u, gap, known)
+        heard = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 0.0]])
+        plant = np.array([[0.0, 1.0], [c_y, 0.0]]) - c_u * np.vstack([np.zeros((1, 2)), d @ heard])
+        reach = -c_u * np.vstack([np.zeros_like(c), c])
+        right = np.linalg.eigvals(np.block([[plant, reach], [b @ heard, a]])).real.max()
+        margin = loops.hurwitz_margin(functions[reading], poles, Family((gap, gap), (ratio, ratio)))
+        assert (margin.value > 0) == (right < 0)
+        verdicts.append(bool(right < 0))
+    assert 0 < sum(verdicts) < len(verdicts), "both verdicts occur"
+
+
+def test_a_filter_that_destabilises_the_design_has_no_hurwitz_margin() -> None:
+    # the pole of the filter at half the others': the loop that (16) places is not stable with it
+    rig, law = RIGS["short"], Controller("lin-pid", filter=0.5)
+    gap = rig.operating_point.gap
+    at, function = Family((gap, gap), (1, 1)), loop_of(rig, controller=law)
+    assert loops.spectral_radius(function, (1, 60, 1, 60), at).value > 1
+    assert loops.hurwitz_margin(function, (1, 60, 1, 60), at).value < 0
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_hurwitz_margin_of_every_controller_is_one_as_designed(name: str) -> None:
+    rig, law = RIGS["offset"], LAWS[name]
+    gap = rig.operating_point.gap
+    found = loops.hurwitz_margin(loop_of(rig, controller=law), POLES, Family((gap, gap), (1, 1)))
+    if law.name == "fee-gpi":  # designed for a double integrator, which no magnet is
+        assert 0 < found.value < 1
+    else:
+        assert found.value == pytest.approx(1.0)
+
+
+# --- the simulated loop, linearised --------------------------------------------------------
+
+NUDGES = {"y": 1e-9, "v": 1e-7, "x1": 1e-11, "x2": 1e-11, "held": 1e-6}
+"""Steps of the central differences [SI]."""
+LINEARISED = 1e-6
+"""Relative: RK4 leaves 1e-7, the central differences their squares."""
+
+
+@pytest.mark.parametrize("share", [0.0, 0.4, 1.7])
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", LAWS)
+def test_the_linear_loop_is_the_simulated_one_for_small_deviations(
+    name: str, method: Method, share: float
+) -> None:
+    # at rest at another gap than Y, on a plant with another beta: one period, differentiated
+    period, gap, ratio, law = 1e-3, 0.0215, 1.1, LAWS[name]
+    hold = {"start_gap": gap, "end_gap": gap, "start_time": 0.0, "end_time": period}
+    data = changed(
+        SHORT,
+        {
+            "sampling.delay": share * period,
+            "initial.gap": gap,
+            "reference": {**hold, "horizon": period},
+        },
+    )
+    rig = rig_with(data)
+    pairs = PoleSpec(POLES[:2], POLES[2:])
+    beta = plant_beta(rig) / ratio
+    design = make_design(rig, pairs, controller=law, method=method)
+    loop = loop_for(rig, design, refine=4)
+    numbers = parameter_vector(loop, design, Scenario(beta, gap))
+    names, still = loop.state_names, np.zeros((2, 1))
+    voltage = math.sqrt(9.81 / beta) * gap
+
+    def moved(state: Array) -> tuple[Array, float]:
+        states, volts, _ = loop.fold(state, numbers, loop.inputs, still)
+        return states.full().ravel(), float(volts[0])
+
+    rest = np.array([{"y": gap, "alive": 1.0}.get(n, 0.0) for n in names])
+    rest[[n.startswith("held") for n in names]] = voltage
+    if law.derivative == "measurement":
+        rest[names.index("x2")] = (gap - design.Y) / design.named_gains["omega_f"]
+    first = names.index("x1")
+
+    def excess(x1: float) -> float:
+        rest[first] = x1
+        return moved(rest)[1] - voltage
+
+    reach = 2.0 / design.coefficients["c1"] * (1.0 if law.name != "fee-gpi" else 9.0)
+    rest[first] = brentq(excess, -reach, reach, xtol=1e-16, rtol=1e-13)
+    assert moved(rest)[0] == pytest.approx(rest, abs=1e-9)
+    columns = []
+    for n, state in enumerate(names[:-1]):
+        step = NUDGES["held" if state.startswith("held") else state]
+        ends = [moved(rest + s * step * np.eye(len(names))[n])[0] for s in (1, -1)]
+        columns.append((ends[0] - ends[1])[:-1] / (2 * step))
+    jacobian = np.stack(columns, axis=1)
+    row = loop_of(rig, method, controller=law).characteristic(POLES, gap, ratio)[0].full().ravel()
+    system = Linear(jacobian, still, still, still, 0.0, period)
+    ours, theirs = np.polyval(row, CIRCLES), evaluated(rig, system)
+    for circle in (slice(0, 16), slice(16, 32)):
+        size = LINEARISED * np.abs(theirs[circle]).max()
+        assert ours[circle] == pytest.approx(theirs[circle], abs=size)
 
 
 # --- shapes --------------------------------------------------------------------------------

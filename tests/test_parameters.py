@@ -109,6 +109,16 @@ BAD_VALUES = [
     ("uncertainty.beta", 15, ["15", "less than 1", "[-]"]),
     ("uncertainty.beta", -0.15, ["-0.15", "greater than or equal to 0", "[-]"]),
     ("emulator.inductance", -1.0, ["-1.0", "greater than or equal to 0", "[H]"]),
+    ("emulator.resistance", -1.0, ["-1.0", "greater than or equal to 0", "[ohm]"]),
+    ("emulator.sensor_step", -1e-5, ["-1e-05", "greater than or equal to 0", "[m]"]),
+    ("emulator.actuator_step", math.inf, ["inf", "finite number", "[V]"]),
+    ("emulator.period", 0.0, ["0.0", "greater than 0", "[s]"]),
+    ("emulator.period", 2.0, ["2.0", "0.1", "[s]"]),
+    ("emulator.period", "2 ms", ["'2 ms'", "number", "[s]"]),
+    ("emulator.delay", -1e-4, ["-0.0001", "greater than or equal to 0", "[s]"]),
+    ("emulator.delay", 200.0, ["200.0", "1", "[s]"]),
+    ("emulator.position_noise", -5e-6, ["-5e-06", "greater than or equal to 0", "[m]"]),
+    ("emulator.position_noise", math.nan, ["nan", "finite number", "[m]"]),
     ("plant", 3, ["3", "must be a table", "[plant]"]),
     ("reference", [{"horizon": 1.0}], ["must be a table", "[reference]"]),
     ("limits", None, ["None", "must be a table", "[limits]"]),
@@ -137,6 +147,16 @@ def test_a_limit_that_is_no_number_is_named_with_its_place(element: Any) -> None
     assert "limits.voltage.1 = " in message
     assert "number" in message
     assert "[V]" in message
+
+
+def test_a_coil_with_an_inductance_needs_a_resistance() -> None:
+    message = refusal(changed(SHORT, {"emulator.inductance": 0.022}))
+    assert message == (
+        "my.toml: emulator.resistance = 0.0: must be above 0 ohm when an inductance is given"
+    )
+    whole = {"emulator.inductance": 0.022, "emulator.resistance": 22.0}
+    assert rig_with(SHORT, whole).emulator.time_constant == pytest.approx(1e-3)
+    assert rig_with(SHORT, {"emulator.resistance": 22.0}).emulator.time_constant == 0.0
 
 
 REQUIRED = [
@@ -374,7 +394,10 @@ def test_what_is_not_said_is_harmless() -> None:
     assert (rig.sampling.delay, rig.sampling.method) == (0.0, "tustin")
     assert rig.plant.gap_offset == 0.0
     assert rig.operating_point.voltage is None
-    assert set(rig.emulator.model_dump().values()) == {0.0}
+    effects = rig.emulator
+    assert (effects.inductance, effects.resistance, effects.time_constant) == (0.0, 0.0, 0.0)
+    assert (effects.sensor_step, effects.actuator_step) == (0.0, 0.0)
+    assert (effects.period, effects.delay, effects.position_noise) == (None, None, None)
 
 
 def test_no_value_of_the_paper_leaks_into_another_rig() -> None:

@@ -165,6 +165,11 @@ def test_one_changed_digit_is_noticed_anywhere(saved: Path) -> None:
     for place in places[:: len(places) // 40]:
         damaged = bytearray(content)
         damaged[place] += 1
+        try:
+            if json.loads(damaged) == json.loads(content):
+                continue  # a seventeenth digit that leaves the number what it was
+        except ValueError:
+            pass
         saved.write_bytes(bytes(damaged))
         refused(saved, "sha256|schema_version|not valid JSON")
 

@@ -7,13 +7,16 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
+import byhand
 import numpy as np
 import pytest
 import reference
+from byhand import LAWS, OTHERS
 from numpy.typing import NDArray
 from rigs import MINIMAL, OFFSET, SHORT, rig_with
+from scipy.integrate import solve_ivp
 
-from maglev_design.choices import EQUILIBRIA, METHODS, Equilibrium, Method
+from maglev_design.choices import EQUILIBRIA, METHODS, Controller, Equilibrium, Method
 from maglev_design.design import Design, PoleSpec, make_design, plant_beta, reference_path
 from maglev_design.parameters import Rig
 from maglev_design.simulate import (
@@ -30,6 +33,7 @@ from maglev_design.simulate import (
     simulate,
 )
 from maglev_design.simulate.graph import contact_gap
+from maglev_design.simulate.noise import POSITION_CHANNEL, standard_normals
 
 FIGURES = ("ise", "iae", "itae")
 RIGS = {"paper": SHORT, "offset": OFFSET}
@@ -40,6 +44,8 @@ INDEPENDENT_NOISE = 1e-5
 """Relative: with noise |e| has a kink at every sign change, on which DOP853 spends its accuracy."""
 SAME_SAMPLES = 1e-9
 """Relative, for a voltage computed from samples of two integrators."""
+DIFFERENTIATED = 1e-8
+"""As SAME_SAMPLES, for a law that differentiates the gap: ten times the gain."""
 
 
 def design_of(rig: Rig, zeta: float = 1.0, omega: float = 70.0, **options: Any) -> Design:
@@ -47,15 +53,21 @@ def design_of(rig: Rig, zeta: float = 1.0, omega: float = 70.0, **options: Any) 
 
 
 def fastest_of(design: Design) -> float:
-    return max(design.gains[3], *design.poles.values[1::2])
+    fast = [design.named_gains.get(name, 0.0) for name in ("k3", "omega_f")]
+    return max(*fast, *design.poles.values[1::2])
 
 
 def loop_of(
     rig: Rig, design: Design, *, continuous: bool = False, refine: int = 1, directions: int = 0
 ) -> LoopGraph:
+    own: dict[str, Any] = {
+        "controller": design.controller,
+        "refine": refine,
+        "directions": directions,
+    }
     if not continuous:
-        return build(rig, design.method, refine=refine, directions=directions)
-    return build(rig, None, refine=refine, directions=directions, fastest=fastest_of(design))
+        return build(rig, design.method, **own)
+    return build(rig, None, fastest=fastest_of(design), **own)
 
 
 def run(
@@ -136,6 +148,42 @@ def test_an_independent_integrator_finds_the_same_figures(
     assert ours.peak_voltage == pytest.approx(theirs.peak_voltage, rel=SAME_SAMPLES)
 
 
+@pytest.mark.parametrize(
+    ("base", "share", "noise"),
+    [("paper", 0.0, True), ("offset", 0.3, False), ("paper", 1.7, False)],
+)
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", OTHERS)
+def test_an_independent_integrator_finds_the_figures_of_every_controller(
+    name: str, method: Method, base: str, share: float, noise: bool
+) -> None:
+    rig = rig_with(RIGS[base], {"sampling.delay": share * RIGS[base]["sampling"]["period"]})
+    design = design_of(rig, 0.9, 50.0, method=method, controller=LAWS[name])
+    scenario = replace(nominal_scenario(rig, plant_beta(rig) / 1.05), noise=noise, seed=3, index=2)
+    ours, theirs = run(rig, design, scenario).metrics, resimulate(rig, design, scenario)
+    assert not ours.crashed
+    assert not theirs.crashed
+    for figure in FIGURES:
+        assert getattr(ours, figure) == pytest.approx(
+            getattr(theirs, figure), rel=INDEPENDENT_NOISE if noise else INDEPENDENT
+        )
+    same = DIFFERENTIATED if "pid" in name else SAME_SAMPLES
+    assert ours.peak_voltage == pytest.approx(theirs.peak_voltage, rel=same)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_loop_refuses_a_design_of_another_controller(name: str) -> None:
+    rig = rig_with(SHORT)
+    loop = build(rig, "tustin", controller=LAWS[name])
+    for other in LAWS:
+        design = design_of(rig, controller=LAWS[other])
+        if other == name:
+            simulate(loop, design, nominal_scenario(rig, plant_beta(rig)))
+            continue
+        with pytest.raises(ValueError, match="cannot run"):
+            simulate(loop, design, nominal_scenario(rig, plant_beta(rig)))
+
+
 @pytest.mark.parametrize("horizon", [0.3001, 0.4004, 0.3999])
 @pytest.mark.parametrize("share", [0.0, 0.3])
 def test_a_horizon_between_two_samples_is_kept(horizon: float, share: float) -> None:
@@ -152,6 +200,8 @@ def test_a_horizon_between_two_samples_is_kept(horizon: float, share: float) -> 
 
 # --- convergence ---------------------------------------------------------------------------
 
+SLACK = 0.25
+"""How far the observed order may be off for the fast filters of some controllers."""
 PERIODS = (1e-3, 5e-4, 2.5e-4, 1.25e-4)
 ORDER = 0.2
 """How far the observed order of the last halving may be off: the next order still shows."""
@@ -173,6 +223,76 @@ def test_the_sampled_loop_becomes_the_continuous_one(method: Method, slack: floa
     assert (errors[-1] < 0.01 * limit).all()
     orders = np.log2(errors[-2] / errors[-1])
     assert orders == pytest.approx(np.ones(3), abs=slack)
+
+
+@cache
+def continuous_gap(name: str) -> NDArray[np.float64]:
+    rig = rig_with(SHORT)
+    return run(rig, design_of(rig, controller=LAWS[name]), continuous=True).gap
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", OTHERS)
+def test_every_sampled_loop_becomes_its_continuous_one(name: str, method: Method) -> None:
+    distances = []
+    for shorter in (4, 8):
+        rig = rig_with(SHORT, {"sampling.period": 1e-3 / shorter})
+        response = run(rig, design_of(rig, method=method, controller=LAWS[name]))
+        moved = response.gap[::shorter] - continuous_gap(name)
+        distances.append(np.abs(moved).max())
+    assert distances[-1] < 0.05 * np.abs(continuous_gap(name) - response.reference[::8]).max()
+    assert np.log2(distances[0] / distances[1]) == pytest.approx(1.0, abs=SLACK)
+
+
+CONTINUOUS = 1e-7
+"""Of the largest error of the ball: RK4 leaves 1e-6 at its default step, 4e-9 at a quarter."""
+
+
+@pytest.mark.parametrize("base", RIGS)
+@pytest.mark.parametrize("name", LAWS)
+def test_a_continuous_loop_is_the_one_integrated_by_another_program(name: str, base: str) -> None:
+    # law, plant and quadratures by hand, the integrator SciPy's: only the reference is shared
+    rig, law = rig_with(RIGS[base]), LAWS[name]
+    design = design_of(rig, 0.9, 50.0, controller=law)
+    beta, believed = plant_beta(rig) / 1.05, design.believed
+    response = run(rig, design, nominal_scenario(rig, beta), continuous=True, refine=4)
+    g, y0 = rig.plant.gravity, rig.plant.gap_offset
+    known = byhand.Known(
+        *(design.Y, believed.U, believed.C_U, believed.C_Y, believed.beta), *(g, y0)
+    )
+    a, b, c, d = byhand.core(law, design.named_gains, believed.C_U, believed.C_Y)
+    size, path = len(a), reference_path
+    extremes = [math.inf, -math.inf]
+
+    def rates(t: float, x: NDArray[np.float64]) -> list[float]:
+        y_ref, v_ref, acc_ref = path(rig, np.array([t]))[:, 0]
+        read = np.array([x[0] - y_ref, x[1] - v_ref, x[0] - design.Y])
+        w = (c @ x[2 : 2 + size] + d @ read).item()
+        u = byhand.command(law, w, y_ref, acc_ref, known)
+        extremes[:] = min(extremes[0], u), max(extremes[1], u)
+        pull = g - beta * u**2 / (x[0] + y0) ** 2
+        error = abs(read[0])
+        return [x[1], pull, *(a @ x[2 : 2 + size] + b @ read), t * error * 1e6]
+
+    start = np.zeros(3 + size)
+    start[:2] = rig.initial.gap, rig.initial.velocity
+    if law.start == "bumpless":
+        start[3] = (rig.initial.gap - rig.reference.start_gap) / design.named_gains["omega_f"]
+    found = solve_ivp(
+        rates,
+        (0.0, rig.reference.horizon),
+        start,
+        method="DOP853",
+        t_eval=response.times,
+        rtol=1e-10,
+        atol=1e-14,
+        max_step=2e-3,
+    )
+    low, high = rig.limits.voltage
+    assert low < extremes[0] < extremes[1] < high, "neither clamp nor anti-windup acts"
+    largest = np.abs(response.gap - response.reference).max()
+    assert response.gap == pytest.approx(found.y[0], abs=CONTINUOUS * largest)
+    assert response.metrics.itae == pytest.approx(found.y[-1, -1] / 1e6, rel=INDEPENDENT)
 
 
 @pytest.mark.parametrize("continuous", [False, True], ids=["sampled", "continuous"])
@@ -262,6 +382,38 @@ def test_the_gradients_are_those_of_the_figures(
             step = DIFFERENCE_STEP * float(column @ POLES) / float(column @ column)
             ahead, behind = (
                 getattr(simulate(plain, designed(POLES + s * column), scenario).metrics, figure)
+                for s in (step, -step)
+            )
+            slopes.append((ahead - behind) / (2 * step))
+        size = GRADIENT * max(abs(x) for x in slopes)
+        assert response.gradients[figure] == pytest.approx(slopes, abs=size)
+        assert response.gradients[figure].any()
+
+
+@pytest.mark.parametrize("method", [*METHODS, None])
+@pytest.mark.parametrize("name", OTHERS)
+def test_the_gradients_of_every_controller_are_those_of_its_figures(
+    name: str, method: Method | None
+) -> None:
+    rig = rig_with(SHORT, {"sampling.delay": 1.7e-3 if method == "euler" else 0.0})
+    scenario = nominal_scenario(rig, plant_beta(rig) / 1.05)
+    poles = 0.7 * POLES if method == "euler" else POLES
+
+    def designed(values: NDArray[np.float64]) -> Design:
+        pairs = PoleSpec((values[0], values[1]), (values[2], values[3]))
+        return make_design(rig, pairs, method=method or "tustin", controller=LAWS[name])
+
+    options: dict[str, Any] = {"controller": LAWS[name], "fastest": 0.0 if method else 800.0}
+    plain, carrying = build(rig, method, **options), build(rig, method, **options, directions=4)
+    design = designed(poles)
+    response = simulate(carrying, design, scenario, pole_tangent(carrying, design, np.eye(4)))
+    assert response.metrics == simulate(plain, design, scenario).metrics
+    for figure in DIFFERENTIABLE:
+        slopes = []
+        for n, column in enumerate(np.eye(4)):
+            step = DIFFERENCE_STEP * poles[n]
+            ahead, behind = (
+                getattr(simulate(plain, designed(poles + s * column), scenario).metrics, figure)
                 for s in (step, -step)
             )
             slopes.append((ahead - behind) / (2 * step))
@@ -418,6 +570,81 @@ def test_the_first_command_is_that_of_the_first_sample(continuous: bool) -> None
     response = run(rig, design, continuous=continuous)
     assert response.commanded[0] == pytest.approx(static + kick, rel=1e-9)
     assert response.metrics.peak_voltage >= response.commanded[0]
+
+
+def first_command(law: Controller, method: Method | None, **changes: Any) -> tuple[float, Design]:
+    rig = rig_with(SHORT, changes)
+    design = design_of(rig, controller=law, method=method or "tustin")
+    response = run(rig, design, continuous=method is None)
+    return float(response.commanded[0]), design
+
+
+@pytest.mark.parametrize("method", [*METHODS, None])
+@pytest.mark.parametrize("derivative", ["error", "measurement"])
+def test_the_first_command_kicks_unless_the_start_is_bumpless(
+    derivative: Any, method: Method | None
+) -> None:
+    kick, quiet = (
+        Controller("lin-pid", derivative=derivative, filter=6.0, start=start)
+        for start in ("kick", "bumpless")
+    )
+    rig = rig_with(SHORT)
+    kicked, design = first_command(kick, method)
+    bumpless, _ = first_command(quiet, method)
+    k, here = design.named_gains, design.believed
+    error = rig.initial.gap - rig.reference.start_gap
+    integral = k["k1"] * rig.sampling.period / 2 if method == "tustin" else 0.0
+    steady = here.U + (k["k2"] + here.C_Y + integral) * error / here.C_U
+    assert bumpless == pytest.approx(steady, rel=1e-12), "nothing is differentiated"
+    stepped = error if derivative == "error" else rig.initial.gap - design.Y
+    # the bilinear filter omega_f s/(s + omega_f) lets k3 omega_f/(1 + omega_f T/2) through
+    through = k["k3"] * k["omega_f"]
+    if method == "tustin":
+        through /= 1 + k["omega_f"] * rig.sampling.period / 2
+    assert kicked - bumpless == pytest.approx(through * stepped / here.C_U, rel=1e-9)
+    assert abs(kicked - bumpless) > 1.0
+
+
+def test_a_bumpless_start_reads_the_first_sample_with_its_noise() -> None:
+    law = Controller("lin-pid", start="bumpless")
+    rig = rig_with(SHORT, {"noise.position": 1e-5, "noise.input": 0.0})
+    design = design_of(rig, controller=law)
+    scenario = replace(nominal_scenario(rig, plant_beta(rig)), noise=True, seed=4)
+    first = float(run(rig, design, scenario).commanded[0])
+    quiet = float(run(rig, design).commanded[0])
+    noise = 1e-5 * standard_normals(4, 0, POSITION_CHANNEL, 1)[0]
+    k, here = design.named_gains, design.believed
+    share = (k["k2"] + here.C_Y + k["k1"] * rig.sampling.period / 2) / here.C_U
+    assert first - quiet == pytest.approx(share * noise, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("continuous", [False, True], ids=["sampled", "continuous"])
+def test_every_controller_is_clamped(name: str, continuous: bool) -> None:
+    rig = rig_with(SHORT, {"limits.voltage": [1.0, 3.0], "initial.gap": 0.026})
+    response = run(rig, design_of(rig, controller=LAWS[name]), continuous=continuous)
+    assert (response.applied == np.clip(response.commanded, 1.0, 3.0)).all()
+    assert response.metrics.peak_voltage > response.metrics.peak_applied == 3.0
+    assert not response.metrics.crashed
+    assert abs(response.metrics.final_error) < 5e-4
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_voltage_held_at_the_start_is_the_feedforward(name: str) -> None:
+    # until the first voltage acts the ball sees what the law commands without a correction
+    rig = rig_with(OFFSET, {"sampling.delay": 0.0017, "initial.velocity": 0.0})
+    design = design_of(rig, controller=LAWS[name])
+    here, g, y0 = design.believed, rig.plant.gravity, rig.plant.gap_offset
+    known = byhand.Known(design.Y, here.U, here.C_U, here.C_Y, here.beta, g, y0)
+    beta = plant_beta(rig) / 1.1
+    response = run(rig, design, nominal_scenario(rig, beta))
+    u = byhand.command(LAWS[name], 0.0, rig.reference.start_gap, 0.0, known)
+    pull = g - beta * u**2 / (rig.initial.gap + y0) ** 2
+    time = rig.sampling.period
+    assert response.velocity[1] == pytest.approx(pull * time, rel=1e-4)
+    if LAWS[name].name == "fee-gpi" or LAWS[name].feedforward == "static":
+        still = run(rig, design, Scenario(plant_beta(rig), rig.reference.start_gap))
+        assert still.gap[:80] == pytest.approx(rig.reference.start_gap, abs=1e-12)
 
 
 def test_a_held_voltage_acts_after_its_delay() -> None:

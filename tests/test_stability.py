@@ -2,13 +2,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from functools import cache
+from typing import Any, Literal
 
+import byhand
 import control as ct
 import numpy as np
 import pytest
 import reference
 import sympy as sp
+from byhand import LAWS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -16,7 +19,7 @@ from scipy.linalg import expm
 
 from maglev_design.choices import METHODS, Method
 from maglev_design.lowering import lower
-from maglev_design.symbolic import laws, stability
+from maglev_design.symbolic import laws, running, stability
 from maglev_design.symbolic import plant as p
 
 Array = NDArray[np.float64]
@@ -242,19 +245,24 @@ def test_a_condition_that_vanishes_is_no_stable_verdict(coefficients: tuple[int,
 # --- sampled -------------------------------------------------------------------------------
 
 PULSE = stability.sampled_plant()
-PULSE_NUMBERS = programmed(
-    "n", (p.C_Y_true, p.T, stability.first_part), (*PULSE.numerator, *PULSE.denominator)
-)
+OUTPUTS: tuple[Literal["gap"], Literal["velocity"]] = ("gap", "velocity")
+PULSES = {
+    output: programmed(
+        "n",
+        (p.C_Y_true, p.T, stability.first_part),
+        (*stability.sampled_plant(output).numerator, *PULSE.denominator),
+    )
+    for output in OUTPUTS
+}
+PULSE_NUMBERS = PULSES["gap"]
 SAMPLED_LAWS = {method: stability.sampled_law(LAW, method) for method in METHODS}
 LAW_NUMBERS = {
-    method: programmed(
-        "n", (p.C_U_hat, p.C_Y_hat, p.T, *KS), (*pulse.numerator, *pulse.denominator)
-    )
+    method: programmed("n", (p.C_U_hat, p.C_Y_hat, p.T, *KS), (*pulse.gap, *pulse.denominator))
     for method, pulse in SAMPLED_LAWS.items()
 }
 DISCRETE = {}
 for _method in METHODS:
-    _core = laws.discretise(LAW.core, _method)
+    _core = running.discretise(LAW.core, _method)
     DISCRETE[_method] = lower(
         (p.C_U, p.C_Y, p.T, *KS),
         {
@@ -277,6 +285,7 @@ def held_plant(c_y: float, period: float, part: float) -> tuple[Array, Array, Ar
     return whole, fresh, last @ stale
 
 
+@pytest.mark.parametrize("output", OUTPUTS)
 @given(
     st.floats(50.0, 8000.0),
     periods,
@@ -284,17 +293,19 @@ def held_plant(c_y: float, period: float, part: float) -> tuple[Array, Array, Ar
     st.complex_numbers(min_magnitude=0.5, max_magnitude=3.0),
 )
 def test_the_sampled_plant_is_the_matrix_exponential(
-    c_y: float, period: float, share: float, z: complex
+    output: Literal["gap", "velocity"], c_y: float, period: float, share: float, z: complex
 ) -> None:
     part = share * period
     a, fresh, stale = held_plant(c_y, period, part)
     resolvent = z * np.eye(2) - a
     if abs(np.linalg.det(resolvent)) < 1e-3:
         return
-    expected = np.linalg.solve(resolvent, fresh + stale / z)[0, 0]
-    numbers = [float(x) for x in PULSE_NUMBERS(c_y, period, part)]
+    row = OUTPUTS.index(output)
+    expected = np.linalg.solve(resolvent, fresh + stale / z)[row, 0]
+    numbers = [float(x) for x in PULSES[output](c_y, period, part)]
     ours = np.polyval(numbers[:3], z) / np.polyval(numbers[3:], z)
-    scale = (abs(fresh) + abs(stale)).max() * period / abs(np.linalg.det(resolvent))
+    size = (abs(fresh) + abs(stale)).max() / abs(np.linalg.det(resolvent))
+    scale = size * (period if output == "gap" else 1.0)
     assert ours == pytest.approx(expected, abs=EXPONENTIAL * scale)
 
 
@@ -309,6 +320,42 @@ def test_the_sampled_law_is_its_state_space(
     expected = (c @ np.linalg.solve(z * np.eye(2) - a, b) + d)[0, 0]
     ours = np.polyval(numbers[:3], z) / np.polyval(numbers[3:], z)
     assert ours == pytest.approx(expected, rel=EXPONENTIAL, abs=EXPONENTIAL * abs(d[0, 0]))
+
+
+@cache
+def pulses_of(name: str, method: Method) -> tuple[list[str], int, Callable[..., list[Any]]]:
+    law = laws.control_law(LAWS[name])
+    pulse = stability.sampled_law(law, method)
+    flat = (*pulse.gap, *pulse.velocity, *pulse.denominator)
+    program = programmed("n", (p.C_U_hat, p.C_Y_hat, p.T, *law.gains), flat)
+    return [gain.name for gain in law.gains], len(pulse.denominator), program
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", LAWS)
+@given(dampings, speeds, hats, periods, st.complex_numbers(min_magnitude=1.2, max_magnitude=3.0))
+@settings(max_examples=25)
+def test_every_sampled_law_is_the_one_written_by_hand(
+    name: str,
+    method: Method,
+    zeta: float,
+    omega: float,
+    hat: tuple[float, float],
+    period: float,
+    z: complex,
+) -> None:
+    k = byhand.gains_of(LAWS[name], (zeta, omega, 1.1 * zeta, 0.8 * omega))
+    order, size, program = pulses_of(name, method)
+    numbers = [float(x) for x in program(*hat, period, *(k[gain] for gain in order))]
+    assert numbers[2 * size] == 1.0, "monic"
+    matrices = byhand.core(LAWS[name], k, *hat)
+    a, b, c, d = byhand.sampled(matrices, period, method)
+    through = (c @ np.linalg.solve(z * np.eye(len(a)) - a, b) + d)[0]
+    gap, velocity, denominator = (np.polyval(numbers[n * size :][:size], z) for n in range(3))
+    scale = EXPONENTIAL * np.abs(d).max() * (1 + np.abs(c).max() * np.abs(b).max())
+    assert gap / denominator == pytest.approx(through[0] + through[2], rel=EXPONENTIAL, abs=scale)
+    assert velocity / denominator == pytest.approx(through[1], rel=EXPONENTIAL, abs=scale)
+    assert (velocity != 0) == (name == "state-feedback")
 
 
 def split(flat: Sequence[float]) -> tuple[Array, Array, Array, Array]:

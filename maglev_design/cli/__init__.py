@@ -17,10 +17,14 @@ from maglev_design import __version__
 from maglev_design.choices import (
     DEFAULT_MAX_MS,
     DEFAULT_PRESET,
+    ControllerName,
+    Derivative,
     Equilibrium,
+    Feedforward,
     Method,
     Objective,
     Scenarios,
+    Start,
 )
 from maglev_design.errors import MaglevError
 
@@ -113,6 +117,22 @@ def simulate(
         Literal["nominal", "noise", "mismatch"],
         typer.Option(help="nominal; noise; or noise with beta_c = 1.15 beta."),
     ] = "nominal",
+    controller: Annotated[ControllerName, typer.Option(help="Which law.")] = "tan-gpi",
+    feedforward: Annotated[
+        Feedforward | None, typer.Option(help="lin-pid: the voltage that holds the ball at y*.")
+    ] = None,
+    derivative: Annotated[
+        Derivative | None, typer.Option(help="lin-pid: what is differentiated.")
+    ] = None,
+    filter: Annotated[  # noqa: A002 - the option's name
+        float | None, typer.Option(help="lin-pid: filter's pole over the real closed-loop pole.")
+    ] = None,
+    start: Annotated[
+        Start | None, typer.Option(help="lin-pid: whether the first error kicks the derivative.")
+    ] = None,
+    emulate: Annotated[
+        bool, typer.Option("--emulate", help="Add the effects of the rig's [emulator] table.")
+    ] = False,
     zeta: Annotated[float | None, typer.Option(help="Damping of the poles [-].")] = None,
     omega_n: Annotated[float | None, typer.Option(help="Frequency of the poles [rad/s].")] = None,
     equilibrium: Annotated[
@@ -147,6 +167,14 @@ def simulate(
             rig=rig,
             design=design,
             test=test,
+            controller=controller,
+            options={
+                "feedforward": feedforward,
+                "derivative": derivative,
+                "filter": filter,
+                "start": start,
+            },
+            emulate=emulate,
             zeta=zeta,
             omega_n=omega_n,
             equilibrium=equilibrium,
@@ -229,6 +257,113 @@ def tune(
         force=force,
         as_json=json,
     )
+
+
+@app.command()
+def compare(
+    rig: RigOption = DEFAULT_PRESET,
+    design: Annotated[
+        Path | None,
+        typer.Option(help="A saved design.json as the tuned one; then the plant's beta moves."),
+    ] = None,
+    equilibrium: Annotated[
+        Equilibrium | None, typer.Option(help="How the controllers learn U, C_U and C_Y.")
+    ] = None,
+    method: Annotated[
+        Literal[Method, "all"] | None, typer.Option(help="Discretisation of the laws, or all.")
+    ] = None,
+    sample_time: Annotated[
+        float | None, typer.Option(help="Sampling period [s]; 0 is continuous controllers.")
+    ] = None,
+    opposite_error: Annotated[
+        bool, typer.Option("--opposite-error", help="Start on the other side of the reference.")
+    ] = False,
+    position_noise: Annotated[
+        float | None, typer.Option(help="Standard deviation of the sensor's noise [m].")
+    ] = None,
+    seeds: Annotated[int, typer.Option(min=1, max=10_000, help="Runs where noise enters.")] = 20,
+    seed: SeedOption = 0,
+    tuned: Annotated[
+        bool, typer.Option("--tuned/--no-tuned", help="Tune the TAN-GPI and show it, too.")
+    ] = True,
+    variants: Annotated[
+        bool, typer.Option("--variants/--no-variants", help="Show other readings of the PID.")
+    ] = True,
+    emulate: Annotated[
+        bool, typer.Option("--emulate/--no-emulate", help="Add the emulated rig as a fourth test.")
+    ] = True,
+    survey: Annotated[
+        bool, typer.Option("--survey/--no-survey", help="Try every reading of the paper.")
+    ] = True,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder for the page and the figures.")
+    ] = None,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Run the paper's tests 1 to 3 with every controller, and see which orderings survive."""
+    from maglev_design.cli import compare_verb  # noqa: PLC0415
+
+    compare_verb.compare_controllers(
+        compare_verb.Request(
+            rig=rig,
+            design=design,
+            equilibrium=equilibrium,
+            method=method,
+            sample_time=sample_time,
+            opposite_error=opposite_error,
+            position_noise=position_noise,
+            seeds=seeds,
+            seed=seed,
+            tuned=tuned,
+            variants=variants,
+            emulate=emulate,
+            survey=survey,
+        ),
+        output,
+        force=force,
+        as_json=json,
+        command=_command_line(),
+    )
+
+
+@app.command()
+def claims(
+    rig: RigOption = DEFAULT_PRESET,
+    rigs: Annotated[
+        int, typer.Option(min=1, max=1000, help="Random rigs on which general claims are tried.")
+    ] = 20,
+    seed: SeedOption = 0,
+    only: Annotated[
+        str | None, typer.Option(help="Show only claims whose id starts so, with their evidence.")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder for claims.json and claims.md.")
+    ] = None,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Judge every equation and every quantitative claim of the paper, with evidence."""
+    from maglev_design.cli import claims_verb  # noqa: PLC0415
+
+    claims_verb.judge_claims(
+        claims_verb.Request(rig=rig, rigs=rigs, seed=seed, only=only),
+        output,
+        force=force,
+        as_json=json,
+        command=_command_line(),
+    )
+
+
+def _command_line() -> str:
+    """Return what was typed, without the output folder and without the places of files."""
+    words, skip = ["maglev-design"], False
+    for word in sys.argv[1:]:
+        if skip or word in ("-o", "--output", "--force"):
+            skip = word in ("-o", "--output") and not skip
+            continue
+        words.append(Path(word).name if os.sep in word else word)
+    return " ".join(words)
 
 
 def main() -> None:

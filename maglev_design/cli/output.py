@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -31,15 +32,26 @@ def warn(text: str) -> None:
     say(f"warning: {text}")
 
 
-def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print an aligned table to stdout; columns after the first are numbers and stand right."""
+def table(
+    title: str,
+    header: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    *,
+    words: int = 1,
+    wraps: int = 0,
+) -> None:
+    """Print an aligned table to stdout; after the first `words` columns, numbers stand right.
+
+    The column `wraps` takes more lines where the screen is narrow; a number is never cut.
+    """
     from rich.console import Console  # noqa: PLC0415 - only when a table is drawn
     from rich.table import Table  # noqa: PLC0415
     from rich.text import Text  # noqa: PLC0415
 
     drawn = Table(box=None, pad_edge=False)
     for position, name in enumerate(header):
-        drawn.add_column(Text(name), justify="right" if position else "left", no_wrap=position > 0)
+        left = position < words
+        drawn.add_column(Text(name), justify="left" if left else "right", no_wrap=position != wraps)
     for row in rows:
         drawn.add_row(*[Text(cell) for cell in row])
     sys.stdout.write(f"{title}\n")
@@ -47,9 +59,15 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> N
     sys.stdout.write("\n")
 
 
-def _width() -> int | None:
-    """Return the width for output that does not go to a terminal; None asks the terminal."""
-    return None if sys.stdout.isatty() else 100
+NARROWEST = 100
+"""[characters] A narrower terminal breaks the lines of a table, which cuts no number."""
+
+
+def _width() -> int:
+    """Return the width of the terminal, or a fixed one for output that does not go to one."""
+    if not sys.stdout.isatty():
+        return NARROWEST
+    return max(NARROWEST, os.get_terminal_size(sys.stdout.fileno()).columns)
 
 
 @contextmanager

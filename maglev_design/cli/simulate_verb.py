@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from maglev_design.choices import Equilibrium, Method
+from maglev_design.choices import Controller, ControllerName, Equilibrium, Method
 from maglev_design.cli.output import number, print_json, say, table, warn
 from maglev_design.design import (
     PAPER_POLES,
@@ -21,12 +21,10 @@ from maglev_design.design import (
 )
 from maglev_design.errors import InputError
 from maglev_design.files import write_bytes
-from maglev_design.parameters import Rig, load_rig, make_rig
+from maglev_design.paper.trials import TRIALS
+from maglev_design.parameters import Emulator, Rig, load_rig, make_rig
 from maglev_design.record import load
-from maglev_design.simulate import Response, Scenario, error_bounds
-
-MISMATCH = 1.15
-"""beta_c/beta of the paper's test 3, sec. 4.3."""
+from maglev_design.simulate import Response, Scenario, emulated, error_bounds
 
 
 @dataclass(frozen=True)
@@ -36,6 +34,9 @@ class Request:
     rig: str
     design: Path | None
     test: str
+    controller: ControllerName
+    options: dict[str, Any]
+    emulate: bool
     zeta: float | None
     omega_n: float | None
     equilibrium: Equilibrium | None
@@ -51,7 +52,9 @@ class Request:
 def simulate(request: Request, csv: Path | None, plot: Path | None, *, as_json: bool) -> None:
     """Run the loop, print its figures, write what was asked for."""
     rig, design, scenario, ratio, continuous = _set_up(request)
-    response, bounds = error_bounds(rig, design, scenario, continuous=continuous)
+    response, bounds = error_bounds(
+        rig, design, scenario, continuous=continuous, emulate=request.emulate
+    )
     if csv is not None:
         write_bytes(csv, _csv(response).encode())
     if plot is not None:
@@ -61,6 +64,9 @@ def simulate(request: Request, csv: Path | None, plot: Path | None, *, as_json: 
         print_json(
             metrics.as_dict()
             | {
+                "controller": design.controller.name,
+                "variant": design.controller.variant or "default",
+                "emulated": request.emulate,
                 "poles": [list(design.poles.first), list(design.poles.second)],
                 "equilibrium": design.equilibrium,
                 "method": None if continuous else design.method,
@@ -87,10 +93,11 @@ def _set_up(request: Request) -> tuple[Rig, Design, Scenario, float, bool]:
     continuous = request.sample_time == 0
     if request.sample_time is not None and not continuous:
         rig = _with_period(rig, request.sample_time)
+    if request.emulate:
+        rig = _emulated(rig, request, continuous)
     check_path_voltage(rig)
-    ratio = request.beta_ratio
-    if ratio is None:
-        ratio = MISMATCH if request.test == "mismatch" else 1.0
+    trial = next(trial for trial in TRIALS if trial.name == request.test)
+    ratio = trial.ratio if request.beta_ratio is None else request.beta_ratio
     if not (math.isfinite(ratio) and ratio > 0):
         raise InputError(f"beta-ratio = {ratio!r}: must be a finite number greater than 0 [-]")
     own = plant_beta(rig)
@@ -105,6 +112,7 @@ def _set_up(request: Request) -> tuple[Rig, Design, Scenario, float, bool]:
     design = make_design(
         rig,
         poles,
+        controller=_controller(request),
         equilibrium=request.equilibrium or (record.design.equilibrium if record else "model"),
         method=request.method or (record.design.method if record else rig.sampling.method),
         beta_c=beta_c,
@@ -114,10 +122,39 @@ def _set_up(request: Request) -> tuple[Rig, Design, Scenario, float, bool]:
         beta_plant,
         rig.initial.gap,
         rig.initial.velocity,
-        noise=request.test != "nominal" if request.noise is None else request.noise,
+        noise=trial.noise if request.noise is None else request.noise,
         seed=request.seed,
     )
     return rig, design, _started(rig, scenario, request), ratio, continuous
+
+
+def _controller(request: Request) -> Controller:
+    """Return the law with its options; those of the PID are refused for the others."""
+    given = {name: value for name, value in request.options.items() if value is not None}
+    if given and request.controller != "lin-pid":
+        names = ", ".join(f"--{name}" for name in given)
+        raise InputError(
+            f"{names}: only for --controller lin-pid, not for {request.controller}, which leaves "
+            "nothing open"
+        )
+    ratio = given.get("filter", 1.0)
+    if not (math.isfinite(ratio) and ratio > 0):
+        raise InputError(f"filter = {ratio!r}: must be a finite number greater than 0 [-]")
+    return Controller(request.controller, **given)
+
+
+def _emulated(rig: Rig, request: Request, continuous: bool) -> Rig:
+    """Return the rig with the period, delay and noise of its emulator, unless they were given."""
+    if rig.emulator == Emulator():
+        raise InputError(
+            f"--emulate: the rig {rig.name!r} has no [emulator] table; give it inductance [H] and "
+            "resistance [ohm], sensor_step [m], actuator_step [V], period [s] or delay [s]"
+        )
+    if continuous:
+        raise InputError("--emulate: the emulated rig runs a sampled controller, not sample-time 0")
+    period = request.sample_time
+    found = emulated(rig)
+    return found if period is None else _with_period(found, period)
 
 
 def _with_period(rig: Rig, period: float) -> Rig:

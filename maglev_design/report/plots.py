@@ -95,7 +95,7 @@ def _axes(height: float = 3.0) -> tuple[Figure, Any]:
     return figure, figure.add_subplot()
 
 
-def _literal(text: str) -> str:
+def literal(text: str) -> str:
     """Return `text` so that matplotlib does not take a dollar sign in it for mathematics."""
     return text.replace("$", r"\$")
 
@@ -226,7 +226,7 @@ def _plain_ticks(axis: Any, values: NDArray[np.float64]) -> None:
 
 
 def _title(document: Mapping[str, Any], text: str) -> str:
-    return f"{text} - {_literal(document['rig']['name'])}"
+    return f"{text} - {literal(document['rig']['name'])}"
 
 
 def _tuned_label(document: Mapping[str, Any]) -> str:
@@ -253,7 +253,7 @@ def response_figure(curves: Curves, title: str) -> Figure:
     times, gap, reference = curves["times"], curves["gap"], curves["reference"]
     upper.plot(times, 1e3 * gap, color=RED, label="gap $y$")
     upper.plot(times, 1e3 * reference, color="black", lw=0.9, ls=":", label="reference $y^*$")
-    upper.set(ylabel="gap [mm]", title=_literal(title))
+    upper.set(ylabel="gap [mm]", title=literal(title))
     upper.legend()
     middle.plot(times, 1e6 * (gap - reference), color=RED)
     middle.set(ylabel="error $e$ [µm]")

@@ -4,6 +4,7 @@
 an integrator that shares nothing with the first.
 """
 
+from maglev_design.simulate.emulator import emulated
 from maglev_design.simulate.graph import LoopGraph, build
 from maglev_design.simulate.independent import resimulate
 from maglev_design.simulate.response import (
@@ -12,11 +13,13 @@ from maglev_design.simulate.response import (
     Response,
     Scenario,
     error_bounds,
+    loop_for,
     mirrored,
     nominal_scenario,
     pole_tangent,
     simulate,
 )
+from maglev_design.simulate.transient import settling_time, total_variation, undershoot
 
 __all__ = [
     "Crash",
@@ -25,10 +28,15 @@ __all__ = [
     "Response",
     "Scenario",
     "build",
+    "emulated",
     "error_bounds",
+    "loop_for",
     "mirrored",
     "nominal_scenario",
     "pole_tangent",
     "resimulate",
+    "settling_time",
     "simulate",
+    "total_variation",
+    "undershoot",
 ]

@@ -3,12 +3,14 @@
 The nonlinear plant is integrated by Runge-Kutta 4 between the instants at which the voltage
 changes; the controller is the lowered difference equation (sampled) or the lowered state
 equation (continuous). On request the sensitivities to the poles are integrated along as further
-states. ISE, IAE and ITAE are quadratures over the track that the fold returns.
+states, or the effects of the rig emulator are added: a coil with inductance, a sensor and an
+actuator with steps. ISE, IAE and ITAE are quadratures over the track that the fold returns.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
@@ -20,10 +22,10 @@ from numpy.typing import NDArray
 from sympy import Symbol
 
 from maglev_design import design as designs
-from maglev_design.choices import Method
+from maglev_design.choices import TAN_GPI, Controller, Method
 from maglev_design.lowering import Program, lower
-from maglev_design.parameters import Rig
-from maglev_design.symbolic import laws, metrics, stability
+from maglev_design.parameters import Emulator, Rig
+from maglev_design.symbolic import laws, metrics, running, stability
 from maglev_design.symbolic import plant as p
 
 Array = NDArray[np.float64]
@@ -35,6 +37,8 @@ CONTACT = 1e-3
 
 PLANT_NAMES = ("beta", "g", "y0", "gap_low", "gap_high")
 METRICS = ("ise", "iae", "itae")
+COIL = "u_coil"
+"""Row of the emulated coil: its current over C [V]."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,9 @@ class LoopGraph:
         The end of every integration step [s].
     directions : int
         How many sensitivities are carried along.
+    controller : Controller
+    emulator : Emulator or None
+        Effects that act besides the plant.
     """
 
     rig: Rig
@@ -74,6 +81,8 @@ class LoopGraph:
     quadrature: ca.Function
     ends: Array
     directions: int
+    controller: Controller = TAN_GPI
+    emulator: Emulator | None = None
 
 
 @cache
@@ -100,64 +109,76 @@ def metrics_program() -> Program:
 
 
 @cache
-def step_program(method: Method) -> Program:
-    """Return the sampled law's step: states, y, y*, y*'', Y, U, limits, coefficients -> next.
-
-    Outputs: the next states, the commanded and the applied voltage. This program, printed, is the
-    exported controller.
-    """
-    equation = designs.equation(method)
-    inputs: list[Symbol] = [
-        *equation.law.states,
-        p.y,
-        p.y_ref,
-        p.acc_ref,
-        p.Y,
-        p.U,
-        laws.u_min,
-        laws.u_max,
-        *equation.coefficients,
-    ]
-    outputs = {
-        f"{state.name}_next": x
-        for state, x in zip(equation.law.states, equation.next_states, strict=True)
-    }
-    outputs |= {"commanded": laws.commanded, "applied": equation.applied}
-    return lower(inputs, outputs, {laws.commanded: equation.commanded})
+def coil_program() -> Program:
+    """Return the program (u_coil, u, L, R) -> rate of u_coil, the coil current over C."""
+    return lower((p.u_coil, p.u, p.L, p.R), {"rate": p.magnetic_levitation().coil_rate})
 
 
 @cache
-def continuous_program() -> Program:
-    """Return the continuous law: states, y, y*, y*'', Y, U, limits, C_U^, C_Y^, gains -> rates."""
-    law = designs.law()
-    rates, command = laws.continuous_equation(law)
+def step_program(method: Method, controller: Controller = TAN_GPI) -> Program:
+    """Return the sampled law's step: states, signals, Y, U, limits, coefficients -> next states.
+
+    The signals are y, y*, y*'' (and y', y*' where the law reads them). Outputs: the next states,
+    the commanded and the applied voltage. This program, printed, is the exported controller.
+    """
+    equation = designs.equation(method, controller)
+    states = equation.law.states
+    inputs = [*states, *equation.signals, *_FIXED, *equation.coefficients]
+    outputs = {
+        f"{state.name}_next": x for state, x in zip(states, equation.next_states, strict=True)
+    }
+    outputs |= {"commanded": running.commanded, "applied": equation.applied}
+    return lower(inputs, outputs, {running.commanded: equation.commanded})
+
+
+@cache
+def feedforward_program(method: Method, controller: Controller = TAN_GPI) -> Program:
+    """Return the program y*, y*'', Y, U, limits, coefficients -> clamped voltage at w = 0."""
+    equation = designs.equation(method, controller)
+    inputs = [p.y_ref, p.acc_ref, *_FIXED, *equation.coefficients]
+    return lower(inputs, {"applied": running.clamp(equation.feedforward)})
+
+
+@cache
+def start_program(controller: Controller = TAN_GPI) -> Program:
+    """Return the program signals, Y, gains -> the law's states before the first sample."""
+    law = designs.law(controller)
+    inputs = [*running.signals(law), p.Y, *law.gains]
+    return lower(inputs, {x.name: s for x, s in zip(law.states, law.start, strict=True)})
+
+
+@cache
+def continuous_program(controller: Controller = TAN_GPI) -> Program:
+    """Return the continuous law: states, signals, Y, U, limits, believed, gains -> rates."""
+    law = designs.law(controller)
+    rates, command = running.continuous_equation(law)
+    own = [x for x in (p.beta_c, p.g, p.y0) if x in (command.free_symbols | rates[0].free_symbols)]
     inputs: list[Symbol] = [
         *law.states,
-        p.y,
-        p.y_ref,
-        p.acc_ref,
-        p.Y,
-        p.U,
-        laws.u_min,
-        laws.u_max,
+        *running.signals(law),
+        *_FIXED,
         p.C_U_hat,
         p.C_Y_hat,
+        *own,
         *law.gains,
     ]
     outputs = {
         f"{state.name}_rate": stability.believed(rate)
         for state, rate in zip(law.states, rates, strict=True)
     }
-    outputs["commanded"] = laws.commanded
-    return lower(inputs, outputs, {laws.commanded: stability.believed(command)})
+    outputs["commanded"] = running.commanded
+    return lower(inputs, outputs, {running.commanded: stability.believed(command)})
 
 
-def controller_names(method: Method | None) -> tuple[str, ...]:
+_FIXED = (p.Y, p.U, laws.u_min, laws.u_max)
+
+
+def controller_names(method: Method | None, controller: Controller = TAN_GPI) -> tuple[str, ...]:
     """Return the controller's part of the parameter vector, in order."""
-    fixed = ("Y", "U", "u_min", "u_max")
-    if method is None:
-        return (*fixed, "C_U_hat", "C_Y_hat", "k0", "k1", "k2", "k3")
-    return (*fixed, *designs.coefficients_program(method).outputs)
+    law = designs.law(controller)
+    program = continuous_program(controller) if method is None else step_program(method, controller)
+    moving = {x.name for x in (*law.states, *running.signals(law))}
+    return tuple(name for name in program.inputs if name not in moving)
 
 
 def contact_gap(rig: Rig) -> float:
@@ -166,7 +187,14 @@ def contact_gap(rig: Rig) -> float:
 
 
 def build(
-    rig: Rig, method: Method | None, *, directions: int = 0, refine: int = 1, fastest: float = 0.0
+    rig: Rig,
+    method: Method | None,
+    *,
+    controller: Controller = TAN_GPI,
+    directions: int = 0,
+    refine: int = 1,
+    fastest: float = 0.0,
+    emulate: bool = False,
 ) -> LoopGraph:
     """Return the folded closed loop of `rig`.
 
@@ -175,18 +203,23 @@ def build(
     rig : Rig
     method : str or None
         Discretisation of the controller, or None for a continuous one (no delay then).
+    controller : Controller
     directions : int
         Sensitivities carried along, each a column of the tangent of the parameters.
     refine : int
         Integration steps per default step; 2 halves them.
     fastest : float
         [1/s] Fastest rate of the continuous controller; the plant's own is always respected.
+    emulate : bool
+        Whether the coil and the steps of ``[emulator]`` act.
     """
     period = rig.sampling.period
     when = designs.timing(period, rig.sampling.delay) if method else designs.Timing(0, 0.0, 0)
     smallest = float(designs.path_gaps(rig, 2)[0])
     unstable = designs.true_equilibrium(rig, designs.plant_beta(rig), smallest).C_Y
-    rate = max(math.sqrt(2 * unstable), fastest)
+    emulator = rig.emulator if emulate else None
+    coil = emulator.time_constant if emulator else 0.0
+    rate = max(math.sqrt(2 * unstable), fastest, 1 / coil if coil else 0.0)
 
     def substeps(duration: float) -> int:
         return refine * math.ceil(duration * rate / STEP_PER_TIME_CONSTANT) if duration else 0
@@ -198,14 +231,25 @@ def build(
     nodes = _nodes(times[:-1], durations, halves)
     reference = designs.reference_path(rig, nodes.ravel()).reshape(3, *nodes.shape)
     stacked = np.concatenate([durations, reference.transpose(0, 2, 1).reshape(-1, len(times) - 1)])
-    step, states, parameters = _step(method, when, pieces)
+    step, states, parameters = _step(method, controller, when, pieces, emulator)
     if directions:
         step = _with_tangents(step, directions)
     fold = _fold(step, len(times) - 1)
     ends = (times[:-1] + np.cumsum(durations, axis=0)).ravel(order="F")
     quadrature = _quadrature(rig, ends, durations.ravel(order="F"), directions)
     return LoopGraph(
-        rig, method, states, parameters, times, ca.DM(stacked), fold, quadrature, ends, directions
+        rig,
+        method,
+        states,
+        parameters,
+        times,
+        ca.DM(stacked),
+        fold,
+        quadrature,
+        ends,
+        directions,
+        controller,
+        emulator,
     )
 
 
@@ -271,13 +315,18 @@ def _nodes(starts: Array, durations: Array, halves: bool) -> Array:
 
 
 def _step(
-    method: Method | None, when: designs.Timing, pieces: tuple[int, int]
+    method: Method | None,
+    controller: Controller,
+    when: designs.Timing,
+    pieces: tuple[int, int],
+    emulator: Emulator | None,
 ) -> tuple[ca.Function, tuple[str, ...], tuple[str, ...]]:
     """Return one period (state, parameters, inputs, noise) -> (state, voltages)."""
-    law = designs.law()
+    own = tuple(state.name for state in designs.law(controller).states)
     held = tuple(f"held_{n}" for n in range(when.held))
-    states = ("y", "v", *[x.name for x in law.states], *held, "alive")
-    parameters = (*controller_names(method), *PLANT_NAMES)
+    coil = (COIL,) if emulator is not None and emulator.time_constant else ()
+    states = ("y", "v", *own, *coil, *held, "alive")
+    parameters = tuple(dict.fromkeys((*controller_names(method, controller), *PLANT_NAMES)))
     x = {name: ca.SX.sym(name) for name in states}
     q = {name: ca.SX.sym(name) for name in parameters}
     total = sum(pieces)
@@ -286,26 +335,25 @@ def _step(
     reference = ca.SX.sym("reference", 3 * (per_step * total + 1))
     noise = ca.SX.sym("noise", 2)
     rows = ca.reshape(reference, -1, 3)
-    stepper = _Stepper(q, h, rows, noise, per_step)
+    stepper = _Stepper(q, h, rows, noise, controller, own, emulator)
     state_in = ca.vertcat(*x.values())
     track: list[Any] = []
     if method is None:
-        commanded = stepper.command(x, 0)
+        *_, commanded = stepper.law(x, 0)
+        applied = stepper.drive(commanded)
         for n in range(total):
             x = stepper.continuous(x, n)
             track.append((x["y"], x["v"]))
-        applied = ca.fmin(ca.fmax(commanded, q["u_min"]), q["u_max"])
     else:
-        controller = {**q, **x, "y": x["y"] + noise[1], "y_ref": rows[0, 0], "acc_ref": rows[0, 2]}
-        program = step_program(method)
-        *moved, commanded, applied = program.casadi(*[controller[n] for n in program.inputs])
+        program = step_program(method, controller)
+        *moved, commanded, applied = stepper.read(program, x, 0)
+        applied = stepper.quantised(applied)
         pipeline = [applied, *[x[name] for name in held]]
         for n in range(total):
             voltage = pipeline[when.whole + 1 if n < pieces[0] else when.whole]
             x = stepper.sampled(x, voltage + noise[0], n)
             track.append((x["y"], x["v"]))
-        x |= {s.name: value for s, value in zip(law.states, moved, strict=True)}
-        x |= dict(zip(held, pipeline, strict=False))
+        x |= dict(zip(own, moved, strict=True)) | dict(zip(held, pipeline, strict=False))
     function = ca.Function(
         "step",
         [state_in, ca.vertcat(*q.values()), ca.vertcat(h, reference), noise],
@@ -328,43 +376,77 @@ class _Stepper:
     h: Any
     rows: Any
     noise: Any
-    per_step: int
+    controller: Controller
+    own: tuple[str, ...]
+    emulator: Emulator | None
 
-    def acceleration(self, y: Any, u: Any) -> Any:
-        """Return y'' with the gap kept off the magnet, so that a crash never divides by zero."""
-        q = self.q
-        gap = ca.fmax(y, q["gap_low"] / 2)
-        (value,) = acceleration_program().casadi(q["g"], q["beta"], q["y0"], gap, u)
-        return value
-
-    def command(self, x: dict[str, Any], node: int) -> Any:
-        return self._law(x, node)[-1]
-
-    def _law(self, x: dict[str, Any], node: int) -> list[Any]:
+    def read(self, program: Program, x: dict[str, Any], node: int) -> list[Any]:
+        """Run a law's program on what it measures and on the reference at a node."""
         row = self.rows[node, :]
-        values = {**self.q, **x, "y": x["y"] + self.noise[1], "y_ref": row[0], "acc_ref": row[2]}
-        program = continuous_program()
+        measured = x["y"] + self.noise[1]
+        if self.emulator is not None:
+            measured = rounded(measured, self.emulator.sensor_step)
+        signals = {"y": measured, "y_ref": row[0], "v_ref": row[1], "acc_ref": row[2]}
+        values = {**self.q, **x, **signals}
         return program.casadi(*[values[name] for name in program.inputs])
 
-    def sampled(self, x: dict[str, Any], voltage: Any, n: int) -> dict[str, Any]:
-        def rates(z: Any, _stage: int) -> Any:
-            return ca.vertcat(z[1], self.acceleration(z[0], voltage))
+    def law(self, x: dict[str, Any], node: int) -> list[Any]:
+        """Return the rates of the continuous law's states and the commanded voltage."""
+        return self.read(continuous_program(self.controller), x, node)
 
-        z = _runge_kutta(rates, ca.vertcat(x["y"], x["v"]), self.h[n])
-        return self._finish(x, {"y": z[0], "v": z[1]})
+    def drive(self, commanded: Any) -> Any:
+        """Return what the actuator makes of a commanded voltage."""
+        return self.quantised(self._clamped(commanded))
+
+    def quantised(self, voltage: Any) -> Any:
+        """Return the step of the actuator nearest to `voltage`, and never one out of its range."""
+        if self.emulator is None:
+            return voltage
+        return self._clamped(rounded(voltage, self.emulator.actuator_step))
+
+    def _clamped(self, voltage: Any) -> Any:
+        return ca.fmin(ca.fmax(voltage, self.q["u_min"]), self.q["u_max"])
+
+    def rates(self, motion: dict[str, Any], voltage: Any) -> list[Any]:
+        """Return y', y'' and, with a coil, the rate of its current, under an input voltage.
+
+        The gap is kept off the magnet, so that a crash never divides by zero.
+        """
+        q, gap = self.q, ca.fmax(motion["y"], self.q["gap_low"] / 2)
+        acting = motion.get(COIL, voltage)
+        (pull,) = acceleration_program().casadi(q["g"], q["beta"], q["y0"], gap, acting)
+        if COIL not in motion or self.emulator is None:
+            return [motion["v"], pull]
+        size = (self.emulator.inductance, self.emulator.resistance)
+        return [motion["v"], pull, *coil_program().casadi(acting, voltage, *map(ca.SX, size))]
+
+    def _moving(self, x: dict[str, Any]) -> list[str]:
+        return ["y", "v", *([COIL] if COIL in x else [])]
+
+    def sampled(self, x: dict[str, Any], voltage: Any, n: int) -> dict[str, Any]:
+        names = self._moving(x)
+
+        def rates(z: Any, _stage: int) -> Any:
+            return ca.vertcat(*self.rates(_named(names, z), voltage))
+
+        return self._advance(rates, names, x, n)
 
     def continuous(self, x: dict[str, Any], n: int) -> dict[str, Any]:
-        names = [s.name for s in designs.law().states]
+        plant = self._moving(x)
+        names = [*plant, *self.own]
 
         def rates(z: Any, stage: int) -> Any:
-            own = {"y": z[0], **{name: z[2 + k] for k, name in enumerate(names)}}
-            *moved, commanded = self._law(own, 2 * n + stage)
-            applied = ca.fmin(ca.fmax(commanded, self.q["u_min"]), self.q["u_max"])
-            return ca.vertcat(z[1], self.acceleration(z[0], applied + self.noise[0]), *moved)
+            now = _named(names, z)
+            *moved, commanded = self.law(now, 2 * n + stage)
+            motion = {name: now[name] for name in plant}
+            pushed = self.rates(motion, self.drive(commanded) + self.noise[0])
+            return ca.vertcat(*pushed, *moved)
 
-        z = _runge_kutta(rates, ca.vertcat(x["y"], x["v"], *[x[m] for m in names]), self.h[n])
-        moved = {"y": z[0], "v": z[1], **{name: z[2 + k] for k, name in enumerate(names)}}
-        return self._finish(x, moved)
+        return self._advance(rates, names, x, n)
+
+    def _advance(self, rates: Any, names: list[str], x: dict[str, Any], n: int) -> dict[str, Any]:
+        z = _runge_kutta(rates, ca.vertcat(*[x[name] for name in names]), self.h[n])
+        return self._finish(x, _named(names, z))
 
     def _finish(self, x: dict[str, Any], moved: dict[str, Any]) -> dict[str, Any]:
         """Stop a ball that has hit the magnet or dropped."""
@@ -373,6 +455,15 @@ class _Stepper:
         y = ca.if_else(x["alive"], ca.fmin(ca.fmax(moved["y"], low), high), x["y"])
         kept = {name: ca.if_else(alive, value, x[name]) for name, value in moved.items()}
         return {**x, **kept, "y": y, "v": ca.if_else(alive, moved["v"], 0), "alive": alive}
+
+
+def _named(names: Sequence[str], z: Any) -> dict[str, Any]:
+    return {name: z[k] for k, name in enumerate(names)}
+
+
+def rounded(value: Any, step: float) -> Any:
+    """Return `value` at the nearest multiple of `step`; as it is when the step is 0."""
+    return step * ca.floor(value / step + 0.5) if step else value
 
 
 def _runge_kutta(rates: Any, z: Any, h: Any) -> Any:

@@ -17,8 +17,14 @@ from scipy.integrate import ode
 
 from maglev_design import design as designs
 from maglev_design.parameters import Rig
-from maglev_design.simulate.graph import acceleration_program, contact_gap, step_program
-from maglev_design.simulate.response import Array, Scenario, noise_samples
+from maglev_design.simulate.graph import (
+    acceleration_program,
+    contact_gap,
+    start_program,
+    step_program,
+)
+from maglev_design.simulate.response import Array, Scenario, held_voltage, noise_samples
+from maglev_design.symbolic import running
 
 RELATIVE_TOLERANCE = 1e-9
 ABSOLUTE_TOLERANCE = 1e-13
@@ -42,7 +48,7 @@ class Check:
 def resimulate(rig: Rig, design: designs.Design, scenario: Scenario) -> Check:
     """Return the metrics of one sampled closed loop, integrated independently."""
     when = designs.timing(rig.sampling.period, rig.sampling.delay)
-    step = step_program(design.method)
+    step = step_program(design.method, design.controller)
     run_step = step.scalar()
     low, high = rig.limits.voltage
     fixed = {"Y": design.Y, "U": design.believed.U, "u_min": low, "u_max": high}
@@ -56,16 +62,15 @@ def resimulate(rig: Rig, design: designs.Design, scenario: Scenario) -> Check:
     noise = np.asarray(noise_samples(rig, scenario, count), dtype=float)
     integrator = _integrator(rig, scenario.beta_plant)
     state = [scenario.initial_gap, scenario.initial_velocity, 0.0, 0.0, 0.0]
-    y_ref, _, acc_ref = designs.reference_path(rig, np.zeros(1))[:, 0]
-    memory = [0.0] * len(designs.law().states)
-    *_, first = run_step(*memory, y_ref, y_ref, acc_ref, *constants)
+    memory, first = _start(rig, design, scenario, float(noise[1, 0]))
     pending = deque([first] * when.held)
+    signals = [s.name for s in running.signals(designs.law(design.controller))]
     peak, inside = -math.inf, (contact_gap(rig), rig.limits.gap[1])
     for k in range(count):
         start, end = times[k], min(times[k] + period, horizon)
-        *memory, commanded, applied = run_step(
-            *memory, state[0] + noise[1, k], samples[0, k], samples[2, k], *constants
-        )
+        sample = dict(zip(("y_ref", "v_ref", "acc_ref"), samples[:, k], strict=True))
+        sample |= {"y": state[0] + noise[1, k], "v": state[1]}
+        *memory, commanded, applied = run_step(*memory, *[sample[s] for s in signals], *constants)
         peak = max(peak, commanded)
         pending.append(applied)
         change = min(start + when.part, end)
@@ -79,6 +84,19 @@ def resimulate(rig: Rig, design: designs.Design, scenario: Scenario) -> Check:
             return Check(math.inf, math.inf, math.inf, float(peak), True)
     ise, iae, itae = (float(x) / scale for x, scale in zip(state[2:], SCALES, strict=True))
     return Check(ise, iae, itae, float(peak), False)
+
+
+def _start(
+    rig: Rig, design: designs.Design, scenario: Scenario, first_noise: float
+) -> tuple[list[float], float]:
+    """Return the controller's states before the first sample and the voltage that acts until it."""
+    y_ref, v_ref, acc_ref = designs.reference_path(rig, np.zeros(1))[:, 0]
+    known = {"y_ref": y_ref, "v_ref": v_ref, "acc_ref": acc_ref, "Y": design.Y}
+    held = held_voltage(rig, design, known)
+    known |= {"y": scenario.initial_gap + first_noise, "v": scenario.initial_velocity}
+    program = start_program(design.controller)
+    numbers = known | design.named_gains
+    return list(program.scalar()(*[numbers[name] for name in program.inputs])), held
 
 
 def _integrator(rig: Rig, beta: float) -> Any:

@@ -6,14 +6,21 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design.choices import Method
-from maglev_design.design import Design, coefficients_program, gains_program, reference_path
+from maglev_design.choices import Controller, Method
+from maglev_design.design import (
+    Design,
+    coefficient_inputs,
+    coefficients_program,
+    gain_names,
+    gains_program,
+    reference_path,
+)
 from maglev_design.parameters import Rig
 from maglev_design.simulate import graph as graphs
 from maglev_design.simulate.noise import INPUT_CHANNEL, POSITION_CHANNEL, standard_normals
@@ -64,8 +71,8 @@ class Metrics:
     ----------
     ise, iae, itae : float
         Integrals of e^2, |e| and t |e|.
-    itae_split : dict
-        ITAE before (``start``), during (``move``) and after (``hold``) the move.
+    itae_split, iae_split, ise_split : dict
+        Each before (``start``), during (``move``) and after (``hold``) the move.
     peak_voltage, min_voltage : float
         Extremes of the commanded voltage, up to a crash [V].
     peak_applied : float
@@ -81,6 +88,8 @@ class Metrics:
     iae: float
     itae: float
     itae_split: dict[str, float]
+    iae_split: dict[str, float]
+    ise_split: dict[str, float]
     peak_voltage: float
     min_voltage: float
     peak_applied: float
@@ -150,7 +159,8 @@ def parameter_vector(
         "u_max": high,
         "C_U_hat": design.believed.C_U,
         "C_Y_hat": design.believed.C_Y,
-        **dict(zip(("k0", "k1", "k2", "k3"), design.gains, strict=True)),
+        "beta_c": design.believed.beta,
+        **design.named_gains,
         **design.coefficients,
         "beta": scenario.beta_plant,
         "g": rig.plant.gravity,
@@ -161,18 +171,52 @@ def parameter_vector(
     return np.array([values[name] for name in loop.parameter_names], dtype=float)
 
 
-def start_state(loop: graphs.LoopGraph, design: Design, scenario: Scenario) -> Array:
-    """Return the state at t = 0: controller at zero, held voltages at the feedforward [SI]."""
-    y_ref, _, acc_ref = reference_path(loop.rig, np.zeros(1))[:, 0]
+def start_state(
+    loop: graphs.LoopGraph, design: Design, scenario: Scenario, first_noise: float = 0.0
+) -> Array:
+    """Return the state at t = 0, SI units.
+
+    The controller's states are zero but for a bumpless start, which reads the first sample;
+    voltages that still act, and the emulated coil, are at the feedforward.
+    """
+    known = _first_sample(loop, design, scenario, first_noise)
+    held = held_voltage(loop.rig, design, known)
+    if loop.emulator is not None:
+        held = float(graphs.rounded(held, loop.emulator.actuator_step))
+    program = graphs.start_program(design.controller)
+    own = program.scalar()(*[known[name] for name in program.inputs])
     values = {"y": scenario.initial_gap, "v": scenario.initial_velocity, "alive": 1.0}
-    step = graphs.step_program(design.method)
-    low, high = loop.rig.limits.voltage
-    known = {"y": y_ref, "y_ref": y_ref, "acc_ref": acc_ref, "Y": design.Y, "U": design.believed.U}
-    known |= {"u_min": low, "u_max": high, **design.coefficients}
-    *_, held = step.scalar()(*[known.get(name, 0.0) for name in step.inputs])
-    return np.array(
-        [held if n.startswith("held") else values.get(n, 0.0) for n in loop.state_names]
-    )
+    values |= dict(zip(program.outputs, own, strict=True)) | {graphs.COIL: held}
+    return np.array([held if n.startswith("held") else values[n] for n in loop.state_names])
+
+
+def _first_sample(
+    loop: graphs.LoopGraph, design: Design, scenario: Scenario, first_noise: float
+) -> dict[str, float]:
+    """Return what a law can read before its first step, and its gains, by symbol name."""
+    y_ref, v_ref, acc_ref = reference_path(loop.rig, np.zeros(1))[:, 0]
+    measured = scenario.initial_gap + first_noise
+    if loop.emulator is not None:
+        measured = float(graphs.rounded(measured, loop.emulator.sensor_step))
+    return {
+        "y": measured,
+        "v": scenario.initial_velocity,
+        "y_ref": y_ref,
+        "v_ref": v_ref,
+        "acc_ref": acc_ref,
+        "Y": design.Y,
+        **design.named_gains,
+    }
+
+
+def held_voltage(rig: Rig, design: Design, reference: Mapping[str, float]) -> float:
+    """Return the voltage [V] that acts before the first sample: the feedforward of the start."""
+    program = graphs.feedforward_program(design.method, design.controller)
+    low, high = rig.limits.voltage
+    known = {**reference, "U": design.believed.U, "u_min": low, "u_max": high}
+    known |= design.coefficients
+    (voltage,) = program.scalar()(*[known[name] for name in program.inputs])
+    return voltage
 
 
 def noise_samples(rig: Rig, scenario: Scenario, steps: int) -> Array | ca.DM:
@@ -192,7 +236,7 @@ def simulate(
     loop: graphs.LoopGraph,
     design: Design,
     scenario: Scenario,
-    tangent: Array | None = None,
+    tangent: Tangent | None = None,
     *,
     clamped: bool = True,
 ) -> Response:
@@ -204,25 +248,67 @@ def simulate(
         Of the same rig and method as the design.
     design : Design
     scenario : Scenario
-    tangent : array, shape (n_parameters, directions), optional
-        Derivative of the parameter vector, as :func:`pole_tangent` gives it; needs a loop built
-        with as many directions.
+    tangent : Tangent, optional
+        As :func:`pole_tangent` gives it; needs a loop built with as many directions.
     clamped : bool
         False takes the actuator's clamp away, for a search that must look beyond it.
     """
     steps = len(loop.times) - 1
     size, width = len(loop.state_names), loop.directions
-    state = start_state(loop, design, scenario)
+    if design.controller != loop.controller:
+        raise ValueError(f"a loop of {loop.controller} cannot run {design.controller}")
+    noise = noise_samples(loop.rig, scenario, steps)
+    state = start_state(loop, design, scenario, float(noise[1, 0]))
     vector = parameter_vector(loop, design, scenario, clamped=clamped)
     if width:
-        seed = np.zeros((len(vector), width)) if tangent is None else tangent
-        state = np.concatenate([state, np.zeros(size * width)])
+        seed, start = np.zeros((len(vector), width)), np.zeros((size, width))
+        if tangent is not None:
+            seed = tangent.parameters
+            start = _start_tangent(loop, design, scenario, float(noise[1, 0]), tangent.gains)
+        state = np.concatenate([state, start.ravel(order="F")])
         vector = np.concatenate([vector, seed.ravel(order="F")])
-    noise = noise_samples(loop.rig, scenario, steps)
     outputs = loop.fold(state, vector, loop.inputs, noise)
     states, voltages, track = (matrix.full() for matrix in outputs)
     history = np.concatenate([state[:, None], states], axis=1)
     return _response(loop, history, voltages, track)
+
+
+class Tangent(NamedTuple):
+    """Derivatives by chosen directions of the poles, one column each.
+
+    Attributes
+    ----------
+    parameters : array, shape (n_parameters, directions)
+        Of the loop's parameter vector.
+    gains : array, shape (n_gains, directions)
+        Of the law's gains.
+    """
+
+    parameters: Array
+    gains: Array
+
+
+@cache
+def _start_jacobian(controller: Controller) -> ca.Function:
+    """Return the derivative of the law's first states with respect to its gains."""
+    program = graphs.start_program(controller)
+    inputs = {name: ca.SX.sym(name) for name in program.inputs}
+    gains = ca.vertcat(*[inputs[name] for name in gain_names(controller)])
+    states = ca.vertcat(*program.casadi(*inputs.values()))
+    slopes = ca.jacobian(states, gains)
+    return ca.Function("start", list(inputs.values()), [slopes], list(inputs), ["slopes"])
+
+
+def _start_tangent(
+    loop: graphs.LoopGraph, design: Design, scenario: Scenario, first_noise: float, gains: Array
+) -> Array:
+    """Return the derivative of the loop's first state, shape (n_states, directions)."""
+    known = _first_sample(loop, design, scenario, first_noise)
+    jacobian = _start_jacobian(design.controller)
+    rows = np.zeros((len(loop.state_names), gains.shape[1]))
+    own = [loop.state_names.index(name) for name in graphs.start_program(design.controller).outputs]
+    rows[own] = jacobian(*[known[name] for name in jacobian.name_in()]).full() @ gains
+    return rows
 
 
 def _response(loop: graphs.LoopGraph, history: Array, voltages: Array, track: Array) -> Response:
@@ -241,12 +327,17 @@ def _response(loop: graphs.LoopGraph, history: Array, voltages: Array, track: Ar
     move = (loop.ends > rig.reference.start_time) & (loop.ends <= rig.reference.end_time)
     before = loop.ends <= rig.reference.start_time
     parts = {"start": before, "move": move, "hold": ~(before | move)}
+    split = [
+        {name: float(increments[mask, k].sum()) for name, mask in parts.items()} for k in range(3)
+    ]
     active = slice(0, min(survived, len(commanded)))
     metrics = Metrics(
         ise=float(ise),
         iae=float(iae),
         itae=float(itae),
-        itae_split={name: float(increments[mask, 2].sum()) for name, mask in parts.items()},
+        itae_split=split[2],
+        iae_split=split[1],
+        ise_split=split[0],
         peak_voltage=float(commanded[active].max()),
         min_voltage=float(commanded[active].min()),
         peak_applied=float(applied[active].max()),
@@ -294,22 +385,32 @@ def _extreme_gradients(
 
 
 @cache
-def _pole_jacobian(method: Method | None) -> ca.Function:
-    """Return the derivative of the controller's parameters with respect to the four pole values."""
-    poles, fixed = ca.SX.sym("poles", 4), ca.SX.sym("fixed", 5)
-    gains = gains_program().casadi(*ca.vertsplit(poles))
-    values = dict(zip(("k0", "k1", "k2", "k3"), gains, strict=True))
+def _pole_jacobian(method: Method | None, controller: Controller) -> ca.Function:
+    """Return the derivatives of the controller's parameters and gains by the four pole values."""
+    poles = ca.SX.sym("poles", 4)
+    program = gains_program(controller)
+    gains = program.casadi(*ca.vertsplit(poles))
+    values = dict(zip(program.outputs, gains, strict=True))
+    fixed: dict[str, Any] = {}
     if method is not None:
-        program = coefficients_program(method)
-        numbers = program.casadi(*ca.vertsplit(fixed), *gains)
+        program = coefficients_program(method, controller)
+        fixed = {name: ca.SX.sym(name) for name in program.inputs if name not in values}
+        known = fixed | values
+        numbers = program.casadi(*[known[name] for name in program.inputs])
         values |= dict(zip(program.outputs, numbers, strict=True))
-    names = (*graphs.controller_names(method), *graphs.PLANT_NAMES)
-    moving = ca.vertcat(*[values.get(name, ca.SX(0)) for name in names])
-    return ca.Function("pole_jacobian", [poles, fixed], [ca.jacobian(moving, poles)])
+    names = (*graphs.controller_names(method, controller), *graphs.PLANT_NAMES)
+    moving = ca.vertcat(*[values.get(name, ca.SX(0)) for name in dict.fromkeys(names)])
+    return ca.Function(
+        "pole_jacobian",
+        [poles, *fixed.values()],
+        [ca.jacobian(moving, poles), ca.jacobian(ca.vertcat(*gains), poles)],
+        ["poles", *fixed],
+        ["slopes", "gains"],
+    )
 
 
-def pole_tangent(loop: graphs.LoopGraph, design: Design, directions: Array) -> Array:
-    """Return d(parameter vector)/d(poles) times `directions`, shape (n_parameters, d).
+def pole_tangent(loop: graphs.LoopGraph, design: Design, directions: Array) -> Tangent:
+    """Return the derivatives of parameters and gains by the poles, times `directions`.
 
     Parameters
     ----------
@@ -317,16 +418,22 @@ def pole_tangent(loop: graphs.LoopGraph, design: Design, directions: Array) -> A
         Columns in (zeta_1, omega_1, zeta_2, omega_2); [[1, 0], [0, 1], [1, 0], [0, 1]] for a
         double pair.
     """
-    rig = loop.rig
-    believed = design.believed
-    fixed = [believed.C_U, believed.C_Y, rig.sampling.period, *rig.limits.voltage]
-    slopes = _pole_jacobian(loop.method)(design.poles.values, fixed).full()
+    function = _pole_jacobian(loop.method, loop.controller)
+    known = coefficient_inputs(loop.rig, design.believed)
+    fixed = [known[name] for name in function.name_in()[1:]]
+    slopes, gains = function(design.poles.values, *fixed)
     # An unlimited voltage makes the integrator's bound infinite, and its slope, too.
-    return np.asarray(np.where(np.isfinite(slopes), slopes, 0.0) @ directions)
+    rows = np.where(np.isfinite(slopes.full()), slopes.full(), 0.0)
+    return Tangent(rows @ directions, gains.full() @ directions)
 
 
 def error_bounds(
-    rig: Rig, design: Design, scenario: Scenario, *, continuous: bool = False
+    rig: Rig,
+    design: Design,
+    scenario: Scenario,
+    *,
+    continuous: bool = False,
+    emulate: bool = False,
 ) -> tuple[Response, dict[str, float]]:
     """Run a loop and return it with bounds on the relative error of ISE, IAE and ITAE.
 
@@ -334,7 +441,12 @@ def error_bounds(
     where a fourth-order method needs 16/15 (and a kink of the clamp, which lowers the order, two).
     """
     coarse, fine = (
-        simulate(_loop_for(rig, design, continuous, refine), design, scenario) for refine in (1, 2)
+        simulate(
+            loop_for(rig, design, continuous=continuous, refine=refine, emulate=emulate),
+            design,
+            scenario,
+        )
+        for refine in (1, 2)
     )
     bounds = {}
     for name in ("ise", "iae", "itae"):
@@ -344,6 +456,21 @@ def error_bounds(
     return fine, bounds
 
 
-def _loop_for(rig: Rig, design: Design, continuous: bool, refine: int) -> graphs.LoopGraph:
-    fastest = max(design.gains[3], *design.poles.values[1::2]) if continuous else 0.0
-    return graphs.build(rig, None if continuous else design.method, refine=refine, fastest=fastest)
+def loop_for(
+    rig: Rig,
+    design: Design,
+    *,
+    continuous: bool = False,
+    refine: int = 1,
+    emulate: bool = False,
+) -> graphs.LoopGraph:
+    """Return the loop that runs `design`, with integration steps short enough for it."""
+    fast = [design.named_gains.get(name, 0.0) for name in ("k3", "omega_f")]
+    return graphs.build(
+        rig,
+        None if continuous else design.method,
+        controller=design.controller,
+        refine=refine,
+        fastest=max(*fast, *design.poles.values[1::2]) if continuous else 0.0,
+        emulate=emulate,
+    )

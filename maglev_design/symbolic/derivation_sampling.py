@@ -11,7 +11,8 @@ from maglev_design.choices import Method
 from maglev_design.symbolic import derivation_terms as d
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.derivation_control import FOUR
-from maglev_design.symbolic.laws import discretise, gpi_transfer, tan_gpi
+from maglev_design.symbolic.laws import gpi_transfer, tan_gpi
+from maglev_design.symbolic.running import discretise
 from maglev_design.symbolic.stability import first_part, sampled_plant
 
 SAMPLED = "Sampling"

@@ -1,25 +1,27 @@
-"""The control laws: gains by coefficient matching, and the one law that is run and exported.
+"""The control laws: gains by coefficient matching, and every law that can be run.
 
-A law is a linear core from the error e = y - y* to a voltage correction w, a static map from w
-and the reference to the commanded voltage, the actuator's clamp, an anti-windup rule and the
-bounds of its integrators. Simulation, tuning and export lower these same expressions.
+A law is a linear core from what is measured to a correction w, a static map from w and the
+reference to the commanded voltage, an anti-windup rule, the bounds of its integrators and the
+state it starts from. How a law is sampled, clamped and guarded is in
+:mod:`maglev_design.symbolic.running`; simulation, tuning and export lower the same expressions.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import sympy as sp
 from sympy import Expr, Matrix, Symbol
 
-from maglev_design.choices import Method
+from maglev_design.choices import TAN_GPI, Controller
 from maglev_design.symbolic import plant as p
 
 w = Symbol("w", real=True)
-"""[V] Output of a law's linear core: the voltage on top of the feedforward."""
+"""Output of a law's linear core: a voltage on top of the feedforward [V], for FEE-GPI [m/s^2]."""
 u_min, u_max = Symbol("u_min", real=True), Symbol("u_max", real=True)
-commanded, applied = Symbol("u_cmd", real=True), Symbol("u_app", real=True)
+omega_f = Symbol("omega_f", positive=True)
+"""[rad/s] Pole of the derivative's filter."""
 
 
 def gain_symbols(order: int) -> tuple[Symbol, ...]:
@@ -78,18 +80,23 @@ def gpi_transfer(gains: Sequence[Expr]) -> Expr:
 
 @dataclass(frozen=True)
 class StateSpace:
-    """x' = A x + B e, w = C x + D e (continuous) or its difference equation (sampled)."""
+    """x' = A x + B r, w = C x + D r (continuous) or its difference equation (sampled)."""
 
     A: Matrix
     B: Matrix
     C: Matrix
     D: Matrix
 
-    def transfer(self, variable: Symbol) -> Expr:
-        """Return C (variable I - A)^-1 B + D."""
+    def transfers(self, variable: Symbol) -> tuple[Expr, ...]:
+        """Return C (variable I - A)^-1 B + D, one entry for each input."""
         order = self.A.shape[0]
         resolvent = (variable * sp.eye(order) - self.A).inv()
-        return sp.factor((self.C * resolvent * self.B + self.D)[0])
+        return tuple(sp.factor(entry) for entry in self.C * resolvent * self.B + self.D)
+
+    def transfer(self, variable: Symbol) -> Expr:
+        """Return the transfer function of a core with one input."""
+        (single,) = self.transfers(variable)
+        return single
 
 
 @dataclass(frozen=True)
@@ -98,29 +105,82 @@ class ControlLaw:
 
     Attributes
     ----------
-    name : str
-        As on the command line.
+    controller : Controller
+        What was chosen on the command line.
     states : tuple of Symbol
-        Controller states; all start at zero.
+        Controller states.
+    inputs : tuple of Expr
+        What the core reads, in y, y', y*, y*' and Y.
     core : StateSpace
-        From e [m] to w [V], in the gains and the believed coefficients.
-    feedforward : Expr
-        Voltage [V] commanded at e = 0 with the states at zero, in y*, y*'', Y, U and the
-        believed coefficients.
+        From the inputs to w, in the gains and the believed coefficients.
+    command : Expr
+        Commanded voltage [V] in w, y*, y*'', Y, U and the symbols of `constants`; rises with w.
+    constants : mapping of Symbol to Expr
+        The constants of `command` in the believed coefficients.
+    slope : Expr
+        d command/d w at rest at the gap y* under the voltage u.
+    loop_gain : Expr
+        C_U times `slope` as the controller believes them: rho = 1 is this gain.
+    C_Y : Expr
+        The gap coefficient with which the gains were placed.
+    span : Expr
+        Width of w that takes the command across the actuator's range at Y.
     integrators : tuple of int
         Positions of the states that integrate. Each is frozen while the clamp is active and the
-        step would push the command further out, and bounded so that its own share of the voltage
-        never exceeds the actuator's range u_max - u_min.
+        step would push the command further out, and bounded so that its own share of w never
+        exceeds `span`.
+    start : tuple of Expr
+        States before the first sample, in what the first sample measures; zero but for a start
+        that is asked to be bumpless.
     gains : tuple of Symbol
-        (k_0, ..., k_{n-1}).
+        What the pole placement sets.
     """
 
-    name: str
+    controller: Controller
     states: tuple[Symbol, ...]
+    inputs: tuple[Expr, ...]
     core: StateSpace
-    feedforward: Expr
+    command: Expr
+    constants: Mapping[Symbol, Expr]
+    slope: Expr
+    loop_gain: Expr
+    C_Y: Expr
+    span: Expr
     integrators: tuple[int, ...]
+    start: tuple[Expr, ...]
     gains: tuple[Symbol, ...]
+
+    @property
+    def feedforward(self) -> Expr:
+        """Voltage commanded at w = 0, in y*, y*'', Y, U and the believed coefficients."""
+        return self.command.subs(w, 0).subs(self.constants)
+
+    def transfer(self, variable: Symbol = p.s) -> Expr:
+        """Return H(s) from the gap to w, y' being s y."""
+        pairs = zip(self.core.transfers(variable), self.inputs, strict=True)
+        seen = [h * (sp.diff(r, p.y) + variable * sp.diff(r, p.v)) for h, r in pairs]
+        return sp.factor(sp.Add(*seen))
+
+
+x1, x2 = sp.symbols("x1 x2", real=True)
+f_y, f_a = Symbol("f_y", real=True), Symbol("f_a", real=True)
+ERROR = p.y - p.y_ref
+
+
+def control_law(controller: Controller = TAN_GPI) -> ControlLaw:
+    """Return the law of a controller with its options."""
+    if controller.name == "fee-gpi":
+        return fee_gpi()
+    if controller.name == "lin-pid":
+        return lin_pid(controller)
+    if controller.name == "state-feedback":
+        return state_feedback()
+    return tan_gpi()
+
+
+def closed_loop_order(controller: Controller) -> int:
+    """Return the order of the polynomial whose roots a controller's gains place."""
+    return 3 if controller.name in ("lin-pid", "state-feedback") else 4
 
 
 def tan_gpi() -> ControlLaw:
@@ -132,153 +192,141 @@ def tan_gpi() -> ControlLaw:
         x1' = e,  x2' = -k3 x2 + e,
         w = (1/C_U) ((k2 + C_Y) e + (k0/k3) x1 + (k1 - k2 k3 - k0/k3) x2).
     """
-    transfer = gpi_transfer((p.k0, p.k1, p.k2, p.k3))
+    gains = (p.k0, p.k1, p.k2, p.k3)
+    core = _two_states(gpi_transfer(gains))
+    return _tangent(TAN_GPI, (x1, x2), (ERROR,), _scaled(core, 1 / p.C_U), gains)
+
+
+def fee_gpi() -> ControlLaw:
+    """Return the FEE-GPI law of Morales and Sira-Ramirez, Int. J. Control 83 (2010) 1155.
+
+    Exact feedforward linearisation with the reference in the place of the gap,
+
+        u = (y* + y0) sqrt((g - nu)/beta_c),  nu = y*'' - G_0(s) e,
+
+    G_0 the GPI law of the double integrator, (20) with C_Y = 0. The root is continued as an odd
+    function, so that a correction beyond free fall commands a negative voltage, which the
+    actuator clamps.
+    """
+    gains = (p.k0, p.k1, p.k2, p.k3)
+    core = _two_states(gpi_transfer(gains).subs(p.C_Y, 0))
+    gravity, offset = Symbol("f_g", real=True), Symbol("f_0", real=True)
+    scale = Symbol("f_b", real=True)
+    pull = gravity - p.acc_ref + w
+    root = sp.Piecewise((1, pull > 0), (-1, True)) * sp.sqrt(sp.Abs(pull))
+    square = scale**2 * (p.y_ref + offset) ** 2 * pull  # of the command, where it is positive
+    constants = {gravity: p.g, offset: p.y0, scale: 1 / sp.sqrt(p.beta_c)}
+    rise = sp.diff(square, w).subs(constants)
+    return ControlLaw(
+        controller=Controller("fee-gpi"),
+        states=(x1, x2),
+        inputs=(ERROR,),
+        core=core,
+        command=scale * (p.y_ref + offset) * root,
+        constants=constants,
+        slope=rise / (2 * p.u),
+        loop_gain=sp.Integer(1),
+        C_Y=sp.Integer(0),
+        span=(u_max**2 - u_min**2) / rise.subs(p.y_ref, p.Y),
+        integrators=(0,),
+        start=(sp.Integer(0), sp.Integer(0)),
+        gains=gains,
+    )
+
+
+def state_feedback() -> ControlLaw:
+    """Return the flatness-based state feedback (14): position, velocity and an integral.
+
+    x1' = e,  w = (1/C_U) (k1 x1 + (k2 + C_Y) e + k3 e'); the velocity is taken as measured.
+    """
+    core = StateSpace(
+        A=Matrix([[0]]),
+        B=Matrix([[1, 0]]),
+        C=Matrix([[p.k1]]),
+        D=Matrix([[p.k2 + p.C_Y, p.k3]]),
+    )
+    inputs = (ERROR, p.v - p.v_ref)
+    controller = Controller("state-feedback")
+    return _tangent(controller, (x1,), inputs, _scaled(core, 1 / p.C_U), (p.k1, p.k2, p.k3))
+
+
+def lin_pid(controller: Controller) -> ControlLaw:
+    """Return the linear PID: the gains of (14) and a filtered derivative.
+
+        x1' = e,  x2' = -omega_f x2 + d,
+        w = (1/C_U) (k1 x1 + (k2 + C_Y) e + k3 omega_f (d - omega_f x2)),
+
+    d the error or the measured gap from Y. The paper says no more than "PID, poles at -70": the
+    options of `controller` are the readings.
+    """
+    core = StateSpace(
+        A=Matrix([[0, 0], [0, -omega_f]]),
+        B=Matrix([[1, 0], [0, 1]]),
+        C=Matrix([[p.k1, -p.k3 * omega_f**2]]),
+        D=Matrix([[p.k2 + p.C_Y, p.k3 * omega_f]]),
+    )
+    differentiated = ERROR if controller.derivative == "error" else p.y - p.Y
+    inputs: tuple[Expr, ...] = (ERROR, differentiated)
+    if controller.derivative == "error":
+        core = StateSpace(core.A, Matrix([1, 1]), core.C, Matrix([sum(core.D)]))
+        inputs = (ERROR,)
+    quiet = controller.start == "bumpless"
+    law = _tangent(
+        controller, (x1, x2), inputs, _scaled(core, 1 / p.C_U), (p.k1, p.k2, p.k3, omega_f)
+    )
+    return replace(
+        law,
+        command=law.command.subs(f_a, 0).subs(
+            {} if controller.feedforward == "static" else {f_y: 0}
+        ),
+        constants={f_y: law.constants[f_y]} if controller.feedforward == "static" else {},
+        start=(sp.Integer(0), differentiated / omega_f if quiet else sp.Integer(0)),
+    )
+
+
+def _tangent(
+    controller: Controller,
+    states: tuple[Symbol, ...],
+    inputs: tuple[Expr, ...],
+    core: StateSpace,
+    gains: tuple[Symbol, ...],
+) -> ControlLaw:
+    """Return a law that adds w [V] to U + u*_delta: all but FEE-GPI do."""
+    voltage = reference_voltage()
+    return ControlLaw(
+        controller=controller,
+        states=states,
+        inputs=inputs,
+        core=core,
+        command=p.U + f_y * (p.y_ref - p.Y) + f_a * p.acc_ref + w,
+        constants={f_y: sp.diff(voltage, p.y_ref), f_a: sp.diff(voltage, p.acc_ref)},
+        slope=sp.Integer(1),
+        loop_gain=p.C_U,
+        C_Y=p.C_Y,
+        span=u_max - u_min,
+        integrators=(0,),
+        start=(sp.Integer(0),) * len(states),
+        gains=gains,
+    )
+
+
+def _two_states(transfer: Expr) -> StateSpace:
+    """Return the integrator and the lag at -k3 whose sum is `transfer`."""
     through = sp.limit(transfer, p.s, sp.oo)
     integral = sp.limit(p.s * transfer, p.s, 0)
     lag = sp.factor(sp.cancel((p.s + p.k3) * transfer).subs(p.s, -p.k3))
-    core = StateSpace(
+    return StateSpace(
         A=Matrix([[0, 0], [0, -p.k3]]),
         B=Matrix([1, 1]),
-        C=Matrix([[integral, lag]]) / p.C_U,
-        D=Matrix([[through]]) / p.C_U,
+        C=Matrix([[integral, lag]]),
+        D=Matrix([[through]]),
     )
-    return ControlLaw(
-        name="tan-gpi",
-        states=sp.symbols("x1 x2", real=True),
-        core=core,
-        feedforward=p.U + reference_voltage(),
-        integrators=(0,),
-        gains=(p.k0, p.k1, p.k2, p.k3),
-    )
+
+
+def _scaled(core: StateSpace, factor: Expr) -> StateSpace:
+    return StateSpace(core.A, core.B, core.C * factor, core.D * factor)
 
 
 def reference_voltage() -> Expr:
     """Return u*_delta = -(1/C_U) (y*'' - C_Y (y* - Y)) [V], second line of (20)."""
     return (-p.acc_ref + p.C_Y * (p.y_ref - p.Y)) / p.C_U
-
-
-def discretise(core: StateSpace, method: Method) -> StateSpace:
-    """Return the difference equation of a core at the sampling period T.
-
-    ``euler`` is forward (s = (z - 1)/T), ``tustin`` bilinear (s = 2 (z - 1)/(T (z + 1))), ``zoh``
-    step-invariant (exact for an error held over the period).
-    """
-    order = core.A.shape[0]
-    unit = sp.eye(order)
-    if method == "euler":
-        sampled = StateSpace(unit + core.A * p.T, core.B * p.T, core.C, core.D)
-    elif method == "tustin":
-        half = (unit - core.A * p.T / 2).inv()
-        through = core.D + core.C * half * core.B * p.T / 2
-        sampled = StateSpace(
-            half * (unit + core.A * p.T / 2), half * core.B * p.T, core.C * half, through
-        )
-    else:
-        block = Matrix.vstack(Matrix.hstack(core.A, core.B), sp.zeros(1, order + 1))
-        held = (block * p.T).exp()
-        sampled = StateSpace(held[:order, :order], held[:order, order:], core.C, core.D)
-    simple = [m.applyfunc(sp.factor) for m in (sampled.A, sampled.B, sampled.C, sampled.D)]
-    return StateSpace(*simple)
-
-
-@dataclass(frozen=True)
-class DifferenceEquation:
-    """A sampled law as it is run: one step from one sample to the next, in named coefficients.
-
-    Attributes
-    ----------
-    law : ControlLaw
-    next_states : tuple of Expr
-        States at the next sample.
-    commanded, applied : Expr
-        Voltage before and after the clamp.
-    coefficients : mapping of Symbol to Expr
-        What the step's coefficients are in the gains, the believed C_U and C_Y, and T. The
-        limits u_min, u_max, and Y and U are arguments of the step as they are.
-    feedforward : Expr
-        Voltage at e = 0 and zero states, in the step's coefficients.
-    """
-
-    law: ControlLaw
-    next_states: tuple[Expr, ...]
-    commanded: Expr
-    applied: Expr
-    coefficients: Mapping[Symbol, Expr]
-    feedforward: Expr
-
-
-def difference_equation(law: ControlLaw, method: Method) -> DifferenceEquation:
-    """Return the step of `law` under `method`: read y, y*, y*''; clamp; update the states.
-
-    The structure does not depend on the gains; the numbers do, through ``coefficients``. An entry
-    that is 0 or 1 whatever the gains stays a number.
-    """
-    sampled = discretise(law.core, method)
-    coefficients: dict[Symbol, Expr] = {}
-
-    def name(prefix: str, entry: Expr) -> Expr:
-        if entry.is_Integer:
-            return entry
-        symbol = Symbol(prefix, real=True)
-        coefficients[symbol] = entry
-        return symbol
-
-    order = len(law.states)
-    a = Matrix(order, order, lambda r, c: name(f"a{r + 1}{c + 1}", sampled.A[r, c]))
-    b = Matrix(order, 1, lambda r, _: name(f"b{r + 1}", sampled.B[r]))
-    c = Matrix(1, order, lambda _, col: name(f"c{col + 1}", sampled.C[col]))
-    d = name("d", sampled.D[0])
-    offset = sp.diff(law.feedforward, p.y_ref)
-    push = sp.diff(law.feedforward, p.acc_ref)
-    feedforward = p.U + name("f_y", offset) * (p.y_ref - p.Y) + name("f_a", push) * p.acc_ref
-
-    error = p.y - p.y_ref
-    states = Matrix(law.states)
-    command = feedforward + (c * states)[0] + d * error
-    clamped = sp.Min(sp.Max(commanded, u_min), u_max)
-    moved = a * states + b * error
-    following = [
-        _guarded_integrator(law.states[n], moved[n], c[n], name(f"x{n + 1}_max", bound))
-        if n in law.integrators
-        else moved[n]
-        for n, bound in enumerate(_integrator_bounds(sampled.C))
-    ]
-    return DifferenceEquation(law, tuple(following), command, clamped, coefficients, feedforward)
-
-
-def _integrator_bounds(gains: Matrix) -> list[Expr]:
-    """Return for each state the value at which its share of the voltage is u_max - u_min."""
-    return [sp.factor((u_max - u_min) / gain) for gain in gains]
-
-
-def _guarded_integrator(state: Symbol, moved: Expr, gain: Expr, bound: Symbol) -> Expr:
-    """Return the next value of an integrator: frozen while it pushes into the clamp, bounded."""
-    step = gain * (moved - state)
-    outward = sp.Or(sp.And(commanded > u_max, step > 0), sp.And(commanded < u_min, step < 0))
-    return sp.Piecewise((state, outward), (sp.Min(sp.Max(moved, -bound), bound), True))
-
-
-def continuous_equation(law: ControlLaw) -> tuple[tuple[Expr, ...], Expr]:
-    """Return (state derivatives, commanded voltage) of the continuous law, guards included.
-
-    In y, y*, y*'', the states, the gains and the believed coefficients; ``u_cmd`` stands for the
-    commanded voltage inside the derivatives.
-    """
-    error = p.y - p.y_ref
-    states = Matrix(law.states)
-    command = law.feedforward + (law.core.C * states)[0] + law.core.D[0] * error
-    rates = law.core.A * states + law.core.B * error
-    guarded = []
-    for n, bound in enumerate(_integrator_bounds(law.core.C)):
-        if n not in law.integrators:
-            guarded.append(rates[n])
-            continue
-        push = law.core.C[n] * rates[n]
-        outward = sp.Or(
-            sp.And(commanded > u_max, push > 0),
-            sp.And(commanded < u_min, push < 0),
-            sp.And(law.states[n] > bound, rates[n] > 0),
-            sp.And(law.states[n] < -bound, rates[n] < 0),
-        )
-        guarded.append(sp.Piecewise((sp.Integer(0), outward), (rates[n], True)))
-    return tuple(guarded), command

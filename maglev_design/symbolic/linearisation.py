@@ -105,3 +105,14 @@ def believed_coefficients(
         own = {p.beta: p.beta_c}
         return p.U, linearisation.C_U.subs(own), linearisation.C_Y.subs(own)
     return p.U, linearisation.C_U_rest, linearisation.C_Y_rest
+
+
+def believed_beta(plant: p.Plant, reading: Equilibrium) -> Expr:
+    """Return the beta that a controller works with where its law needs one (FEE-GPI).
+
+    beta_c; under ``measured`` what the measured pair (Y, U) says of it, g (Y + y0)^2/U^2.
+    """
+    if reading != "measured":
+        return p.beta_c
+    (value,) = sp.solve(plant.acceleration.subs({p.y: p.Y, p.u: p.U}), p.beta)
+    return value

@@ -42,6 +42,9 @@ v = _symbol("v", r"\dot{y}", "m/s", "velocity of the ball, downwards")
 acc = _symbol("acc", r"\ddot{y}", "m/s^2", "acceleration of the ball, downwards")
 i = _symbol("i", "i", "A", "coil current")
 u = _symbol("u", "u", "V", "input voltage")
+L = _symbol("L", "L", "H", "inductance of the coil", positive=True)
+R = _symbol("R", "R", r"ohm", "resistance of the coil", positive=True)
+u_coil = _symbol("u_coil", r"u_i", "V", "coil current over C, the voltage that it stands for")
 
 Y = _symbol("Y", "Y", "m", "gap of the equilibrium", positive=True)
 U = _symbol("U", "U", "V", "voltage of the equilibrium", positive=True)
@@ -105,6 +108,8 @@ class Plant:
         Right side of (4), y'' = g - beta u^2/(y + y0)^2 [m/s^2].
     equilibrium_voltage : Expr
         U(Y) of (5), sqrt(g/beta) (Y + y0) [V].
+    coil_rate : Expr
+        d(i/C)/dt [V/s] of a coil that is no ideal current source: L i' = R (C u - i).
     """
 
     force_balance: Expr
@@ -112,6 +117,7 @@ class Plant:
     beta: Expr
     acceleration: Expr
     equilibrium_voltage: Expr
+    coil_rate: Expr
 
 
 def magnetic_levitation() -> Plant:
@@ -132,4 +138,5 @@ def magnetic_levitation() -> Plant:
         beta=K * C**2 / m,
         acceleration=acceleration,
         equilibrium_voltage=sp.factor(voltage),
+        coil_rate=sp.factor(R * (C * u - C * u_coil) / L / C),
     )

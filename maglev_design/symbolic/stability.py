@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import sympy as sp
 from sympy import Expr, Matrix, Symbol
@@ -16,12 +17,12 @@ from maglev_design.choices import Method
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.laws import (
     ControlLaw,
-    discretise,
     gain_symbols,
     match_coefficients,
     pole_pairs_polynomial,
     tan_gpi,
 )
+from maglev_design.symbolic.running import discretise
 
 first_part = Symbol("T_1", nonnegative=True)
 """[s] Part of a period for which the voltage of an earlier sample still acts."""
@@ -35,15 +36,18 @@ def believed(expression: Expr) -> Expr:
 def closed_loop_polynomial(law: ControlLaw | None = None) -> tuple[Expr, ...]:
     """Return the coefficients (highest first) of the continuous loop's polynomial in s.
 
-    The plant e'' = C_Y' e - C_U' (u - u*) with u - u* = H(s) e, H the core of the law:
+    The plant e'' = C_Y' e - C_U' (u - u*) with w = H(s) e, H the core of the law, and u - u* equal
+    to w times the law's slope:
 
-        den(H) (s^2 - C_Y') + rho C_U^ num(H) = 0.
+        den(H) (s^2 - C_Y') + rho L num(H) = 0,
 
-    In rho, C_Y', C_Y^ and the gains; C_U^ cancels.
+    L the loop gain that the law reckons with (C_U^ for all but FEE-GPI, where it is 1). In rho,
+    C_Y', C_Y^ and the gains; C_U^ cancels.
     """
     law = law or tan_gpi()
-    numerator, denominator = _monic(believed(law.core.transfer(p.s)), p.s)
-    characteristic = sp.expand(denominator * (p.s**2 - p.C_Y_true) + p.rho * p.C_U_hat * numerator)
+    numerator, denominator = _monic(believed(law.transfer(p.s)), p.s)
+    gain = p.rho * believed(law.loop_gain)
+    characteristic = sp.expand(denominator * (p.s**2 - p.C_Y_true) + gain * numerator)
     return tuple(sp.factor(c) for c in sp.Poly(characteristic, p.s).all_coeffs())
 
 
@@ -88,6 +92,17 @@ def routh_hurwitz(coefficients: Sequence[Expr]) -> tuple[Expr, ...]:
     return tuple(sp.factor(condition) for condition in conditions)
 
 
+def hurwitz_shares(law: ControlLaw) -> tuple[Expr, ...]:
+    """Return the conditions of the continuous loop over their sizes as designed.
+
+    Designed is rho = 1 and the C_Y' that the law reckons with. The sign stays: a PID whose filter
+    is too slow is unstable as designed, with a share of -1.
+    """
+    designed = {p.rho: 1, p.C_Y_true: believed(law.C_Y)}
+    conditions = routh_hurwitz(closed_loop_polynomial(law))
+    return tuple(condition / sp.Abs(condition.subs(designed)) for condition in conditions)
+
+
 def stability_condition() -> Expr:
     """Return rho (omega_n^2 + C_Y^) - C_Y' - omega_n^2/(4 zeta^2 + 1) for the gains (25).
 
@@ -119,10 +134,11 @@ class PulseTransfer:
     denominator: tuple[Expr, ...]
 
 
-def sampled_plant() -> PulseTransfer:
+def sampled_plant(output: Literal["gap", "velocity"] = "gap") -> PulseTransfer:
     """Return the linearised plant seen through zero-order hold and a delay of T_1 <= T.
 
-    From the voltage u_k computed at t_k = k T, applied from t_k + T_1 on, to y(t_k); exact:
+    From the voltage u_k computed at t_k = k T, applied from t_k + T_1 on, to y(t_k) or y'(t_k);
+    exact:
 
         A = exp(F T),  x_{k+1} = A x_k + B_0 u_k + B_1 u_{k-1},
 
@@ -140,29 +156,50 @@ def sampled_plant() -> PulseTransfer:
     half = sp.sinh(a * first_part / 2)
     stale = Matrix([2 * sp.sinh(middle) * half / a**2, 2 * sp.cosh(middle) * half / a])
     cosh, sinh = 1 + lifted(a * p.T), sp.sinh(a * p.T)
-    inputs = [fresh, stale]
-    # first row of adj(zI - A), applied to (B_0 z + B_1): z (z - cosh) b_y + z (sinh/a) b_v ...
+    # the row of adj(zI - A) that belongs to the output, (z - cosh) in its own place and `cross`
+    # in the other, applied to (B_0 z + B_1)
+    own, other, cross = (0, 1, sinh / a) if output == "gap" else (1, 0, a * sinh)
     numerator = (
-        inputs[0][0],
-        inputs[0][1] * sinh / a - cosh * inputs[0][0] + inputs[1][0],
-        inputs[1][1] * sinh / a - cosh * inputs[1][0],
+        fresh[own],
+        fresh[other] * cross - cosh * fresh[own] + stale[own],
+        stale[other] * cross - cosh * stale[own],
     )
     return PulseTransfer(numerator, (sp.Integer(1), -2 * cosh, sp.Integer(1), sp.Integer(0)))
 
 
-def sampled_law(law: ControlLaw, method: Method) -> PulseTransfer:
-    """Return the law's core as a pulse transfer function from e to w [V/m]."""
-    numerator, denominator = _monic(believed(discretise(law.core, method).transfer(p.z)), p.z)
-    degree = sp.Poly(denominator, p.z).degree()
-    return PulseTransfer(
-        _padded(numerator, degree),
-        tuple(sp.factor(c) for c in sp.Poly(denominator, p.z).all_coeffs()),
-    )
+@dataclass(frozen=True)
+class SampledLaw:
+    """The core of a sampled law over one denominator, coefficients highest power first.
+
+    Attributes
+    ----------
+    gap, velocity : tuple of Expr
+        Numerators from the gap and from the measured velocity to w; of one length.
+    denominator : tuple of Expr
+        Monic, as long.
+    """
+
+    gap: tuple[Expr, ...]
+    velocity: tuple[Expr, ...]
+    denominator: tuple[Expr, ...]
 
 
-def _padded(numerator: Expr, degree: int) -> tuple[Expr, ...]:
-    polynomial = sp.Poly(numerator, p.z)
-    return tuple(sp.factor(polynomial.coeff_monomial(p.z**n)) for n in range(degree, -1, -1))
+def sampled_law(law: ControlLaw, method: Method) -> SampledLaw:
+    """Return the law's core as pulse transfer functions from the gap and the velocity to w."""
+    core = discretise(law.core, method)
+    pencil = (p.z * sp.eye(len(law.states)) - core.A).applyfunc(believed)
+    denominator = sp.Poly(sp.expand(pencil.det()), p.z)
+    numerators = []
+    for signal in (p.y, p.v):
+        seen = sum(
+            h * sp.diff(r, signal) for h, r in zip(core.transfers(p.z), law.inputs, strict=True)
+        )
+        over = sp.cancel(sp.together(believed(sp.sympify(seen)) * denominator.as_expr()))
+        polynomial = sp.Poly(over, p.z)
+        powers = range(denominator.degree(), -1, -1)
+        numerators.append(tuple(sp.factor(polynomial.coeff_monomial(p.z**n)) for n in powers))
+    gap, velocity = numerators
+    return SampledLaw(gap, velocity, tuple(sp.factor(c) for c in denominator.all_coeffs()))
 
 
 def _monic(transfer: Expr, variable: Symbol) -> tuple[Expr, Expr]:

@@ -227,17 +227,14 @@ def judge(problem: TuningProblem, poles: PoleSpec) -> Figures:
 
 
 def _with_extremes(worst: Metrics, others: list[Metrics]) -> Metrics:
-    return Metrics(
-        **{
-            **{name: getattr(worst, name) for name in ("ise", "iae", "itae", "itae_split")},
-            "peak_voltage": max(m.peak_voltage for m in others),
-            "min_voltage": min(m.min_voltage for m in others),
-            "peak_applied": max(m.peak_applied for m in others),
-            "min_gap": min(m.min_gap for m in others),
-            "max_gap": max(m.max_gap for m in others),
-            "final_error": worst.final_error,
-            "crash": worst.crash or next((m.crash for m in others if m.crash), None),
-        }
+    return replace(
+        worst,
+        peak_voltage=max(m.peak_voltage for m in others),
+        min_voltage=min(m.min_voltage for m in others),
+        peak_applied=max(m.peak_applied for m in others),
+        min_gap=min(m.min_gap for m in others),
+        max_gap=max(m.max_gap for m in others),
+        crash=worst.crash or next((m.crash for m in others if m.crash), None),
     )
 
 

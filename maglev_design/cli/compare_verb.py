@@ -1,0 +1,171 @@
+"""``compare``."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from maglev_design.choices import METHODS, SCHEMA_VERSION, Equilibrium
+from maglev_design.cli.output import print_json, progress_bar, say, table, warn
+from maglev_design.design import PoleSpec, check_path_voltage
+from maglev_design.errors import InputError
+from maglev_design.files import output_folder, write_bytes
+from maglev_design.paper.comparison import Comparison, Progress, compare
+from maglev_design.paper.survey import orderings, survey
+from maglev_design.paper.trials import Reading, contenders
+from maglev_design.parameters import Emulator, Rig, load_rig
+from maglev_design.record import finite, load, rig_as_data
+from maglev_design.report.comparison_text import guesses, markdown, ordering_table, result_tables
+from maglev_design.tune import TuneResult, build_problem, solve
+
+
+@dataclass(frozen=True)
+class Request:
+    """What was asked for on the command line; None where nothing was said."""
+
+    rig: str
+    design: Path | None
+    equilibrium: Equilibrium | None
+    method: str | None
+    sample_time: float | None
+    opposite_error: bool
+    position_noise: float | None
+    seeds: int
+    seed: int
+    tuned: bool
+    variants: bool
+    emulate: bool
+    survey: bool
+
+
+def compare_controllers(
+    request: Request, output: Path | None, *, force: bool, as_json: bool, command: str
+) -> None:
+    """Run the tests, print the tables, write page, data and figures."""
+    record = load(request.design) if request.design else None
+    rig = record.rig if record else load_rig(request.rig)
+    check_path_voltage(rig)
+    readings = _readings(
+        rig, request, moves=record is None, equilibrium=_equilibrium(request, record)
+    )
+    folder = output_folder(output, force=force) if output else None
+    with progress_bar() as progress:
+        poles = record.design.poles if record else _tuned(rig, request, readings[0], progress)
+        found = compare(
+            rig,
+            contenders(poles, variants=request.variants),
+            readings,
+            seeds=request.seeds,
+            seed=request.seed,
+            emulate=request.emulate and rig.emulator != Emulator(),
+            progress=progress,
+        )
+        rows = survey(rig, progress) if request.survey else ()
+    document = _document(rig, found, request.seed)
+    document["orderings"] = finite([o.as_dict() for o in orderings(rows)] if rows else [])
+    written = _write(folder, document, found, command) if folder else ()
+    if as_json:
+        print_json(document)
+    else:
+        _print(document)
+    for path in written:
+        say(f"written: {path}")
+    if folder is None and not as_json:
+        say("nothing was saved; -o FOLDER keeps the page, the data and the figures")
+
+
+def _equilibrium(request: Request, record: Any) -> Equilibrium:
+    own: Equilibrium = record.design.equilibrium if record else "model"
+    return request.equilibrium or own
+
+
+def _readings(
+    rig: Rig, request: Request, *, moves: bool, equilibrium: Equilibrium
+) -> tuple[Reading, ...]:
+    """Return the readings that were asked for, the first for the figures."""
+    noise = rig.noise.position if request.position_noise is None else request.position_noise
+    if not (math.isfinite(noise) and noise >= 0):
+        raise InputError(f"position-noise = {noise!r} m: must be a finite number, 0 or more")
+    period = rig.sampling.period
+    wanted = request.method or rig.sampling.method
+    methods = [m for m in METHODS if wanted in (m, "all")]
+    if request.sample_time == 0:
+        first = Reading(equilibrium, None, period, noise)
+        return (replace(first, mirrored=request.opposite_error, controller_moves=moves),)
+    return tuple(
+        Reading(
+            equilibrium,
+            method,
+            period if request.sample_time is None else request.sample_time,
+            noise,
+            mirrored=request.opposite_error,
+            controller_moves=moves,
+        )
+        for method in methods
+    )
+
+
+def _tuned(rig: Rig, request: Request, reading: Reading, progress: Progress) -> PoleSpec | None:
+    """Return the poles of the tuned TAN-GPI, or nothing where there is none to show."""
+    if not request.tuned:
+        return None
+    problem = build_problem(rig, equilibrium=reading.equilibrium, method=reading.method)
+    result = solve(problem, progress)
+    if not isinstance(result, TuneResult):
+        warn("no poles stabilise this rig's sampled loop: the tuned design is left out")
+        return None
+    return result.poles
+
+
+def _document(rig: Rig, found: Comparison, seed: int) -> dict[str, Any]:
+    tests = {r.trial.name: r.trial for r in found.results}
+    return dict(
+        finite(
+            {
+                "schema_version": SCHEMA_VERSION,
+                "rig": rig_as_data(rig),
+                "seed": seed,
+                "tests": [
+                    {"name": t.name, "title": t.title, "ratio": t.ratio, "noise": t.noise}
+                    for t in tests.values()
+                ],
+                "results": [result.as_dict() for result in found.results],
+            }
+        )
+    )
+
+
+def _write(
+    folder: Path, document: dict[str, Any], found: Comparison, command: str
+) -> tuple[Path, ...]:
+    from maglev_design.report.comparison_plots import comparison_figures  # noqa: PLC0415
+
+    curves = {test: [vars(curve) for curve in shown] for test, shown in found.curves.items()}
+    figures = comparison_figures(document, curves, folder)
+    text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    page = markdown(document, command, [f.name for f in figures if f.suffix == ".png"])
+    paths = (folder / "comparison.json", folder / "comparison.md")
+    for path, content in zip(paths, (text, page), strict=True):
+        write_bytes(path, content.encode())
+    return (*paths, *figures)
+
+
+def _print(document: dict[str, Any]) -> None:
+    for drawn in result_tables(document):
+        table(drawn.title, drawn.header, drawn.rows, words=drawn.words)
+    for text in guesses(document):
+        sys.stdout.write(text + "\n")
+    if not document["orderings"]:
+        return
+    sys.stdout.write(
+        "\nIn how many readings TAN-GPI has the smaller figure; as stated: with the paper's own "
+        "period, start and noise\n\n"
+    )
+    for trial in document["tests"]:
+        drawn = ordering_table(document, trial)
+        if drawn.rows:
+            table(drawn.title, drawn.header, drawn.rows, words=drawn.words)

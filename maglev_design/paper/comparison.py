@@ -1,0 +1,204 @@
+"""Section 4 again: every controller through every test, and which orderings survive.
+
+Where noise enters, a figure is the median over seeds, with the interval that holds 95 % of them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maglev_design.paper.trials import (
+    EMULATION,
+    INDICES,
+    PARTS,
+    TRIALS,
+    Contender,
+    Reading,
+    Trial,
+    figures,
+    run_trial,
+)
+from maglev_design.parameters import Rig
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, float], None]
+
+SPLITS = tuple(f"{index}_{part}" for index in INDICES for part in PARTS)
+INTERVAL = (0.025, 0.975)
+"""Quantiles of the 95 % interval over seeds."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Median and 95 % interval of one figure over the seeds."""
+
+    median: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Result:
+    """One controller in one test under one reading.
+
+    Attributes
+    ----------
+    trial : Trial
+    contender : Contender
+    reading : Reading
+    period : float
+        Sampling period as run [s].
+    values : dict
+        :func:`maglev_design.paper.trials.figures`; medians where noise enters.
+    spread : dict of str to Spread
+        Empty without noise.
+    seeds : int
+        How many runs.
+    """
+
+    trial: Trial
+    contender: Contender
+    reading: Reading
+    period: float
+    values: dict[str, float]
+    spread: dict[str, Spread]
+    seeds: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the result for JSON."""
+        flat = {name: value for name, value in self.values.items() if name not in SPLITS}
+        split = {
+            f"{index}_split": {part: self.values[f"{index}_{part}"] for part in PARTS}
+            for index in INDICES
+        }
+        return {
+            "test": self.trial.name,
+            "controller": self.contender.controller.name,
+            "label": self.contender.label,
+            "variant": self.contender.variant,
+            "guess": self.contender.guess,
+            "poles": [list(self.contender.poles.first), list(self.contender.poles.second)],
+            "equilibrium": self.reading.equilibrium,
+            "method": self.reading.method,
+            "sample_time": self.period if self.reading.method else 0.0,
+            **flat,
+            "crashed": flat["crashed"] > 0,
+            "crashed_share": flat["crashed"],
+            **split,
+            "seeds": self.seeds,
+            "spread": {
+                name: {"median": s.median, "low": s.low, "high": s.high}
+                for name, s in self.spread.items()
+                if name not in SPLITS
+            },
+        }
+
+
+@dataclass(frozen=True)
+class Curve:
+    """What a figure shows of one run: times, gap, reference and commanded voltage."""
+
+    label: str
+    times: Array
+    gap: Array
+    reference: Array
+    commanded: Array
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All results, and the curves of the default variants (first seed) for the figures."""
+
+    rig: Rig
+    results: tuple[Result, ...]
+    curves: dict[str, tuple[Curve, ...]]
+
+    def of(self, trial: str, label: str, variant: str = "default") -> Result:
+        """Return the first result of a controller in a test."""
+        return next(
+            r
+            for r in self.results
+            if (r.trial.name, r.contender.label, r.contender.variant) == (trial, label, variant)
+        )
+
+
+def compare(
+    rig: Rig,
+    chosen: Sequence[Contender],
+    readings: Sequence[Reading],
+    *,
+    seeds: int,
+    seed: int = 0,
+    emulate: bool = True,
+    progress: Progress = lambda _stage, _done: None,
+) -> Comparison:
+    """Run every controller through every test under every reading.
+
+    Parameters
+    ----------
+    chosen : sequence of Contender
+        Those with the variant "default" are drawn.
+    readings : sequence of Reading
+        The first is the one whose curves are kept.
+    seeds : int
+        Runs where noise enters, with seeds `seed`, `seed` + 1, ...
+    emulate : bool
+        Whether the rig emulator follows the three tests.
+    """
+    trials = (*TRIALS, EMULATION) if emulate else TRIALS
+    rounds = [(t, r, c) for t in trials for r in readings for c in chosen if _possible(t, r)]
+    results: list[Result] = []
+    curves: dict[str, list[Curve]] = {trial.name: [] for trial in trials}
+    for n, (trial, reading, contender) in enumerate(rounds):
+        progress(trial.title, n / len(rounds))
+        count = seeds if trial.noise else 1
+        runs = []
+        for k in range(count):
+            own, response = run_trial(rig, contender, trial, reading, seed=seed + k)
+            runs.append(figures(own, response))
+            if k == 0 and reading == readings[0] and contender.variant == "default":
+                curves[trial.name].append(
+                    Curve(
+                        contender.label,
+                        response.times,
+                        response.gap,
+                        response.reference,
+                        response.commanded,
+                    )
+                )
+        values, spread = summarise(runs)
+        period = own.sampling.period
+        results.append(Result(trial, contender, reading, period, values, spread, count))
+    return Comparison(rig, tuple(results), {name: tuple(c) for name, c in curves.items() if c})
+
+
+def _possible(trial: Trial, reading: Reading) -> bool:
+    """Whether a test makes sense under a reading: the emulated rig runs a sampled controller."""
+    return not (trial.emulate and reading.method is None)
+
+
+def summarise(runs: Sequence[dict[str, float]]) -> tuple[dict[str, float], dict[str, Spread]]:
+    """Return the medians of the runs and, of more than one, their 95 % intervals.
+
+    A run in which something never happens (nan) counts as the worst; ``crashed`` is a share.
+    """
+    if len(runs) == 1:
+        return dict(runs[0]), {}
+    values: dict[str, float] = {}
+    spread: dict[str, Spread] = {}
+    for name in runs[0]:
+        column = np.array([math.inf if math.isnan(run[name]) else run[name] for run in runs])
+        if name == "crashed":
+            values[name] = float(column.mean())
+            continue
+        # order statistics: between a number and infinity nothing can be interpolated
+        low, high = (float(np.quantile(column, q, method="nearest")) for q in INTERVAL)
+        spread[name] = Spread(float(np.median(column)), low, high)
+        values[name] = spread[name].median if math.isfinite(spread[name].median) else math.nan
+    return values, spread

@@ -1,0 +1,385 @@
+"""Appendix A: the gammas, the conditions, the bound and what it means for the error of beta."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import sympy as sp
+from sympy import Expr
+
+from maglev_design.choices import EQUILIBRIA, Equilibrium
+from maglev_design.paper.equations import (
+    BELOW_A1,
+    BELOW_A6,
+    BOUND_TEXT,
+    GAMMA,
+    GAMMAS,
+    PLAIN,
+    PRINTED_BOUND,
+    proved,
+)
+from maglev_design.paper.ledger import Claim, Value, judged
+from maglev_design.paper.theory_disturbances import WRONG
+from maglev_design.paper.theory_linear import (
+    AGREES,
+    Case,
+    LinearLoop,
+    bounded_matrix,
+    is_stable,
+    linear_loop,
+    quantity,
+    tally,
+)
+from maglev_design.paper.theory_plant import DERIVE, residual_is_zero
+from maglev_design.symbolic import derivation_terms as d
+from maglev_design.symbolic import plant as p
+from maglev_design.symbolic.derivation_control import FOUR
+from maglev_design.symbolic.laws import gpi_transfer
+from maglev_design.symbolic.linearisation import believed_coefficients, linearise
+from maglev_design.symbolic.stability import believed, routh_hurwitz
+
+PRINTED_RANGE = (-1.0, 1.63)
+"""(beta_c - beta)/beta, both ends included, last line of the appendix."""
+NEAR = 1e-2
+"""Relative distance from a boundary at which the eigenvalues are asked."""
+HALF_DIGIT = 0.005
+"""Of 2.63."""
+POSITIVE_NOT_HURWITZ = (1, 1, 1, 1, 1)
+"""s^4 + s^3 + s^2 + s + 1: its roots are the fifth roots of one but for 1 itself."""
+DIVIDED = "gamma_1 of the text, all without the second 1/C_U_hat"
+
+
+def appendix_claims(tried: Sequence[Case]) -> tuple[Claim, ...]:
+    """Return the claims of Appendix A on the conditions of stability and their bound."""
+    return (
+        _ratios(tried),
+        _gammas(tried[0]),
+        _routh(),
+        _second_condition(tried),
+        _positive_gains(),
+        _mu_positive(),
+        _bound(tried),
+        _range(tried),
+    )
+
+
+def ratios_of(reading: Equilibrium) -> tuple[Expr, Expr]:
+    """Return (C_U/C_U^, C_Y/C_Y^) at Y, in beta and beta_c, under a reading of U."""
+    plant = p.magnetic_levitation()
+    lin = linearise(plant)
+    at_rest = {p.U: plant.equilibrium_voltage}
+    _, c_u_hat, c_y_hat = (x.subs(at_rest) for x in believed_coefficients(plant, lin, reading))
+    true = lin.C_U_rest.subs(at_rest), lin.C_Y_rest
+    ratios = (sp.powdenest(sp.cancel(x / y)) for x, y in zip(true, (c_u_hat, c_y_hat), strict=True))
+    c_u, c_y = ratios
+    return c_u, c_y
+
+
+def _ratios(tried: Sequence[Case]) -> Claim:
+    ratios = {reading: ratios_of(reading) for reading in EQUILIBRIA}
+    wanted = p.beta / p.beta_c
+    fits = {
+        reading: all(d.simplest(ratio - wanted) == 0 for ratio in pair)
+        for reading, pair in ratios.items()
+    }
+
+    def agrees(case: Case) -> bool:
+        numbers = {p.beta: 1.0, p.beta_c: WRONG}
+        return all(
+            np.isclose(true / hat, float(ratio.subs(numbers)), rtol=AGREES)
+            for reading, pair in ratios.items()
+            for loop in (linear_loop(case, ratio=WRONG, reading=reading),)
+            for true, hat, ratio in zip(
+                (loop.c_u, loop.c_y), (loop.c_u_hat, loop.c_y_hat), pair, strict=True
+            )
+        )
+
+    found = tally(tried, agrees)
+    right = [reading for reading, fit in fits.items() if fit]
+    others = "; ".join(
+        f"{reading}: C_U/C_U_hat = {pair[0]}, C_Y/C_Y_hat = {pair[1]}"
+        for reading, pair in ratios.items()
+        if not fits[reading]
+    )
+    holds = len(right) == len(ratios)
+    values: dict[str, Value] = {"rigs": found.tried, "agreed": found.agreed}
+    values |= {f"equal, {reading}": fit for reading, fit in fits.items()}
+    decided = found.unanimous and right
+    correction = "" if holds or not decided else f"only under the reading {', '.join(right)}"
+    return Claim(
+        id="A-ratios",
+        place="app. A, before (A4)",
+        statement="Both coefficients are off by the same ratio beta/beta_c.",
+        verdict=judged(holds=holds and found.unanimous, correction=correction),
+        correction=correction,
+        evidence=(
+            "Derivation (10-readings) and (A4): true if U is the voltage measured at the "
+            f"equilibrium. Otherwise {others}. By (5) a controller that knows only its own beta_c "
+            "computes U from it, the reading model. " + found.says("Ratios in numbers")
+        ),
+        command=DERIVE,
+        values=values,
+    )
+
+
+def bound_of(gammas: Sequence[Expr]) -> Expr:
+    """Return gamma_3^2 gamma_0/(gamma_1 (gamma_3 gamma_2 - gamma_1)), the right side of (A7)."""
+    g0, g1, g2, g3 = gammas
+    return g3**2 * g0 / (g1 * (g3 * g2 - g1))
+
+
+def readings_of_gammas() -> dict[str, Sequence[Expr]]:
+    """Return every set of gammas the text can mean, and the right one, by name."""
+    g0, g1, g2, g3 = GAMMAS[BELOW_A6]
+    cleared = tuple(sp.cancel(x * p.C_U_hat) for x in (g0, g1, g2))
+    return dict(GAMMAS) | {DIVIDED: (*cleared, g3)}
+
+
+def bounds(loop: LinearLoop) -> dict[str, float]:
+    """Return the bound on beta/beta_c by reading of the gammas, at exact beta."""
+    numbers = dict(
+        zip((*FOUR, p.C_U_hat, p.C_Y_hat), (*loop.gains, loop.c_u_hat, loop.c_y_hat), strict=True)
+    )
+    return {
+        name: float(bound_of(gammas).subs(numbers)) for name, gammas in readings_of_gammas().items()
+    }
+
+
+def _gammas(case: Case) -> Claim:
+    first, second = GAMMAS[BELOW_A1], GAMMAS[BELOW_A6]
+    differ = [str(letter) for letter, x, y in zip(GAMMA, first, second, strict=True) if x != y]
+    right = {
+        name: d.simplest(_solved(gammas) - (believed(gpi_transfer(FOUR)) - p.C_Y_hat)) == 0
+        for name, gammas in GAMMAS.items()
+    }
+    good = [name for name, fit in right.items() if fit]
+    holds = not differ and right[BELOW_A1]
+    correction = "" if holds or PLAIN not in good else "in (A3) to (A7) gamma_n = k_n, n = 0 to 3"
+    loop = linear_loop(case)
+    numbers = dict(
+        zip((*FOUR, p.C_U_hat, p.C_Y_hat), (*loop.gains, loop.c_u_hat, loop.c_y_hat), strict=True)
+    )
+    values: dict[str, Value] = {
+        f"gamma_1, {name}": float(gammas[1].subs(numbers)) for name, gammas in GAMMAS.items()
+    }
+    return Claim(
+        id="A-gammas",
+        place="app. A, below (A1) and below (A6)",
+        statement="The gammas of (A1) to (A7) are those that the text gives, in two places.",
+        verdict=judged(holds=holds, correction=correction),
+        correction=correction,
+        evidence=(
+            f"The two places differ in {', '.join(differ)}: {first[1]} against {second[1]}, "
+            f"{quantity(float(first[1].subs(numbers)), '')} against "
+            f"{quantity(float(second[1].subs(numbers)), '')} on the paper's rig, where (A3) needs "
+            f"k1 = {quantity(loop.gains[1], '1/s^3')}. Of the operator in (A2) to (A4) they leave "
+            f"a remainder; only {' and '.join(good)} {'leaves' if len(good) == 1 else 'leave'} "
+            "none, derivation (A2)."
+        ),
+        command=DERIVE,
+        values=values,
+    )
+
+
+def _solved(gammas: Sequence[Expr]) -> Expr:
+    g0, g1, g2, g3 = gammas
+    return (g2 * p.s**2 + g1 * p.s + g0) / (p.s * (p.s + g3))
+
+
+def _routh() -> Claim:
+    g0, g1, g2, g3 = GAMMA
+    loop = [sp.Integer(1), g3, d.mu * g2, d.mu * g1, d.mu * g0]
+    conditions = routh_hurwitz(loop)
+    printed = (
+        g3,
+        d.mu * (g3 * g2 - g1),
+        d.mu * (d.mu * g1 * (g3 * g2 - g1) - g3**2 * g0),
+    )
+    left = [d.simplest(x - y) for x, y in zip(conditions, printed, strict=False)]
+    holds = all(rest == 0 for rest in left) and residual_is_zero("A7-routh")
+    return Claim(
+        id="A-routh",
+        place="app. A, below (A6)",
+        statement=(
+            "The polynomial in (A6) is Hurwitz if its coefficients and the two listed expressions "
+            "are positive."
+        ),
+        verdict=judged(holds=holds),
+        correction="",
+        evidence=(
+            "The listed expressions are the Hurwitz determinants of order 2 and 3, printed minus "
+            f"computed {left[1]} and {left[2]}; the fourth is mu gamma_0 times the third. Right "
+            "in the gammas, whatever they stand for; derivation (A7-routh), residual 0."
+        ),
+        command=DERIVE,
+        values={"residual_2": str(left[1]), "residual_3": str(left[2])},
+    )
+
+
+def _second_condition(tried: Sequence[Case]) -> Claim:
+    designed = {line.lhs: line.rhs for line in proved()["25"].lines}
+    value = sp.factor((p.k3 * p.k2 - p.k1).subs(designed))
+
+    def positive(case: Case) -> bool:
+        _, k1, k2, k3 = linear_loop(case).gains
+        return k3 * k2 > k1
+
+    found = tally(tried, positive)
+    return Claim(
+        id="A-second-condition",
+        place="app. A, below (A6)",
+        statement="gamma_3 gamma_2 - gamma_1 is positive, whatever beta_c.",
+        verdict=judged(holds=bool(value.is_positive) and found.unanimous),
+        correction="",
+        evidence=(
+            f"With gamma_n = k_n and the gains (25) it is {value}, and beta_c is not in it. "
+            + found.says("Numbers")
+        ),
+        command=DERIVE,
+        values={"expression": str(value), "rigs": found.tried, "agreed": found.agreed},
+    )
+
+
+def _positive_gains() -> Claim:
+    largest = float(np.roots(POSITIVE_NOT_HURWITZ).real.max())
+    enough = largest < 0
+    third = routh_hurwitz([sp.Integer(1), p.k3, p.k2, p.k1, p.k0])[2]
+    correction = "" if enough else f"k_n > 0 and {third} > 0; the gains (25) fulfil it"
+    return Claim(
+        id="A-positive-gains",
+        place="app. A, below (A6)",
+        statement="The designed polynomial (23) is Hurwitz if its four gains are positive.",
+        verdict=judged(holds=enough, correction=correction),
+        correction=correction,
+        evidence=(
+            "Necessary, not sufficient at order four: s^4 + s^3 + s^2 + s + 1 has a root with the "
+            f"real part {quantity(largest, '1/s')}."
+        ),
+        command=DERIVE,
+        values={"largest_real_part": largest},
+    )
+
+
+def _mu_positive() -> Claim:
+    ratio = (p.beta / p.beta_c).is_positive
+    return Claim(
+        id="A-mu-positive",
+        place="app. A, below (A6)",
+        statement="mu = beta/beta_c is positive, which with positive gains settles condition (i).",
+        verdict=judged(holds=bool(ratio)),
+        correction="",
+        evidence=(
+            "Both are products of squares and positive constants; mu gamma_n > 0 follows. It "
+            "excludes beta_c = 0 and everything below, see A-range."
+        ),
+        command=DERIVE,
+    )
+
+
+def _bound(tried: Sequence[Case]) -> Claim:
+    case = tried[0]
+    found_bounds = bounds(linear_loop(case))
+    printed = 1 / float(PRINTED_BOUND)
+    matches = [name for name, x in found_bounds.items() if abs(1 / x - printed) < HALF_DIGIT]
+    designed = {line.lhs: line.rhs for line in proved()["25"].lines}
+    edge = sp.factor(bound_of(GAMMAS[PLAIN]).subs(designed))
+    found = tally(tried, lambda c: _crosses_at(c, "appendix-a", 1 / float(_edge_of(c, edge))))
+    right = residual_is_zero("A7", "A7-general") and found.unanimous
+    holds = PLAIN in matches and right
+    zeta = case.poles.values[0]
+    correction = f"mu > {edge} = 1/{1 / float(_edge_of(case, edge)):.4g} at zeta = {zeta:g}"
+    correction = correction if right and not holds else ""
+    listed = ", ".join(f"{x:.4g} with {name}" for name, x in found_bounds.items())
+    beyond = [name for name, x in found_bounds.items() if x >= 1]
+    return Claim(
+        id="A-bound",
+        place="app. A, below (A7)",
+        statement=f"With the gains of section 4 condition (A7) becomes beta/beta_c > {BOUND_TEXT}.",
+        verdict=judged(holds=holds, correction=correction),
+        correction=correction,
+        evidence=(
+            f"At exact beta (A7) asks for mu above {listed}; {BOUND_TEXT} = "
+            f"{float(PRINTED_BOUND):.4g} is {' and '.join(matches) or 'none of them'}, and "
+            f"{' and '.join(beyond) or 'none'} would rule the exact beta, mu = 1, out. "
+            "Under the appendix's own assumption (reading appendix-a, ball at Y): "
+            + found.says(f"Eigenvalues {100 * NEAR:g} % on either side of {edge}")
+        ),
+        command=DERIVE,
+        values={
+            **{f"bound, {name}": x for name, x in found_bounds.items()},
+            "printed": float(PRINTED_BOUND),
+            "rigs": found.tried,
+            "agreed": found.agreed,
+        },
+    )
+
+
+def _edge_of(case: Case, edge: Expr) -> Expr:
+    return edge.subs(p.zeta, case.poles.values[0])
+
+
+def _crosses_at(case: Case, reading: Equilibrium, upper: float) -> bool:
+    """Whether the loop at Y is stable just below the ratio `upper` and not just above."""
+    below, above = (
+        is_stable(bounded_matrix(linear_loop(case, ratio=upper * share, reading=reading)))
+        for share in (1 - NEAR, 1 + NEAR)
+    )
+    return below and not above
+
+
+def _range(tried: Sequence[Case]) -> Claim:
+    edge = proved()["A7"].lines[1].rhs
+    case = tried[0]
+    upper = float(1 / _edge_of(case, edge)) - 1
+    lowest = 1 + sp.nsimplify(PRINTED_RANGE[0])
+    at_zero = sp.limit(1 / _appendix_gain().subs(p.beta_c, d.mu), d.mu, lowest, "+")
+    lower_allowed = at_zero.is_finite
+
+    def agrees(other: Case) -> bool:
+        end = float(1 / _edge_of(other, edge))
+        inside = np.linspace(0.02, 0.98, 9) * end
+        loops = (linear_loop(other, ratio=float(x), reading="appendix-a") for x in inside)
+        return _crosses_at(other, "appendix-a", end) and all(
+            is_stable(bounded_matrix(loop)) for loop in loops
+        )
+
+    found = tally(tried, agrees)
+    ends_fit = abs(upper - PRINTED_RANGE[1]) < HALF_DIGIT
+    holds = bool(ends_fit and lower_allowed and found.unanimous)
+    general = sp.simplify(1 / edge - 1)
+    correction = (
+        f"-beta < e_beta < {general} beta, {upper:.4g} beta at zeta = {case.poles.values[0]:g}"
+    )
+    correction = "" if holds or not found.unanimous else correction
+    return Claim(
+        id="A-range",
+        place="app. A, last paragraph",
+        statement=(
+            f"The loop is stable for -beta <= beta_c - beta <= {PRINTED_RANGE[1]:g} beta, ends "
+            "included."
+        ),
+        verdict=judged(holds=holds, correction=correction),
+        correction=correction,
+        evidence=(
+            "From the corrected bound, by the appendix's own assumption (U measured, ball at Y, "
+            "continuous time). At the upper end the loop is on the edge; at the lower beta_c = 0, "
+            f"and 1/C_U_hat tends to {'infinity' if at_zero == sp.oo else at_zero}: there is no "
+            "controller. What other readings, the moved ball and sampling make of it: A-interval, "
+            "A-sampled. " + found.says("Eigenvalues inside the range and around its upper end")
+        ),
+        command="maglev-design claims --only A-range",
+        values={
+            "upper": upper,
+            "lower": -1.0,
+            "printed_upper": PRINTED_RANGE[1],
+            "rigs": found.tried,
+            "agreed": found.agreed,
+        },
+    )
+
+
+def _appendix_gain() -> Expr:
+    """Return C_U_hat of the appendix in beta_c, U and Y."""
+    plant = p.magnetic_levitation()
+    return believed_coefficients(plant, linearise(plant), "appendix-a")[1]

@@ -1,0 +1,168 @@
+"""What runs: a law sampled or continuous, with its clamp, anti-windup and integrator bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import sympy as sp
+from sympy import Expr, Matrix, Symbol
+
+from maglev_design.choices import Method
+from maglev_design.symbolic import plant as p
+from maglev_design.symbolic.laws import ControlLaw, StateSpace, u_max, u_min, w
+
+commanded = Symbol("u_cmd", real=True)
+
+
+def discretise(core: StateSpace, method: Method) -> StateSpace:
+    """Return the difference equation of a core at the sampling period T.
+
+    ``euler`` is forward (s = (z - 1)/T), ``tustin`` bilinear (s = 2 (z - 1)/(T (z + 1))), ``zoh``
+    step-invariant (exact for inputs held over the period).
+    """
+    order = core.A.shape[0]
+    unit = sp.eye(order)
+    if method == "euler":
+        sampled = StateSpace(unit + core.A * p.T, core.B * p.T, core.C, core.D)
+    elif method == "tustin":
+        half = (unit - core.A * p.T / 2).inv()
+        through = core.D + core.C * half * core.B * p.T / 2
+        sampled = StateSpace(
+            half * (unit + core.A * p.T / 2), half * core.B * p.T, core.C * half, through
+        )
+    else:
+        width = core.B.shape[1]
+        block = Matrix.vstack(Matrix.hstack(core.A, core.B), sp.zeros(width, order + width))
+        held = (block * p.T).exp()
+        sampled = StateSpace(held[:order, :order], held[:order, order:], core.C, core.D)
+    simple = [m.applyfunc(sp.factor) for m in (sampled.A, sampled.B, sampled.C, sampled.D)]
+    return StateSpace(*simple)
+
+
+@dataclass(frozen=True)
+class DifferenceEquation:
+    """A sampled law as it is run: one step from one sample to the next, in named coefficients.
+
+    Attributes
+    ----------
+    law : ControlLaw
+    signals : tuple of Symbol
+        What the step reads at a sample: y, y*, y*'' and, where the law uses them, y' and y*'.
+    next_states : tuple of Expr
+        States at the next sample.
+    commanded, applied : Expr
+        Voltage before and after the clamp.
+    coefficients : mapping of Symbol to Expr
+        What the step's coefficients are in the gains, the believed coefficients, T and the
+        limits. The limits u_min, u_max, and Y and U are arguments of the step as they are.
+    feedforward : Expr
+        Voltage before the clamp at w = 0, in the step's coefficients.
+    """
+
+    law: ControlLaw
+    signals: tuple[Symbol, ...]
+    next_states: tuple[Expr, ...]
+    commanded: Expr
+    applied: Expr
+    coefficients: Mapping[Symbol, Expr]
+    feedforward: Expr
+
+
+def signals(law: ControlLaw) -> tuple[Symbol, ...]:
+    """Return what a law reads at a sample, in the order of its arguments."""
+    used = {symbol for entry in law.inputs for symbol in entry.free_symbols}
+    always = (p.y, p.y_ref, p.acc_ref)
+    return tuple(x for x in (p.y, p.v, p.y_ref, p.v_ref, p.acc_ref) if x in always or x in used)
+
+
+def clamp(voltage: Expr) -> Expr:
+    """Return the voltage that the actuator makes of a commanded one."""
+    return sp.Min(sp.Max(voltage, u_min), u_max)
+
+
+def difference_equation(law: ControlLaw, method: Method) -> DifferenceEquation:
+    """Return the step of `law` under `method`: read the sample; clamp; update the states.
+
+    The structure does not depend on the gains; the numbers do, through ``coefficients``. An entry
+    that is 0 or 1 whatever the gains stays a number.
+    """
+    sampled = discretise(law.core, method)
+    coefficients: dict[Symbol, Expr] = {}
+
+    def name(prefix: str, entry: Expr) -> Expr:
+        if entry.is_Integer:
+            return entry
+        symbol = Symbol(prefix, real=True)
+        coefficients[symbol] = entry
+        return symbol
+
+    order, width = len(law.states), len(law.inputs)
+    a = Matrix(order, order, lambda r, c: name(f"a{r + 1}{c + 1}", sampled.A[r, c]))
+    b = Matrix(order, width, lambda r, n: name(f"b{r + 1}{_suffix(n)}", sampled.B[r, n]))
+    c = Matrix(1, order, lambda _, col: name(f"c{col + 1}", sampled.C[col]))
+    d = Matrix(1, width, lambda _, n: name(f"d{_suffix(n)}", sampled.D[n]))
+    coefficients |= {x: sp.factor(value) for x, value in law.constants.items()}
+
+    states, read = Matrix(law.states), Matrix(law.inputs)
+    # in this order of terms, because the exported code adds in it, too
+    command = law.command.subs(w, (c * states)[0] + (d * read)[0])
+    moved = a * states + b * read
+    bounds = _integrator_bounds(law, sampled.C)
+    following = [
+        _guarded_integrator(law.states[n], moved[n], c[n], name(f"x{n + 1}_max", bounds[n]))
+        if n in law.integrators
+        else moved[n]
+        for n in range(order)
+    ]
+    return DifferenceEquation(
+        law,
+        signals(law),
+        tuple(following),
+        command,
+        clamp(commanded),
+        coefficients,
+        law.command.subs(w, 0),
+    )
+
+
+def _suffix(column: int) -> str:
+    return f"_{column + 1}" if column else ""
+
+
+def _integrator_bounds(law: ControlLaw, gains: Matrix) -> list[Expr]:
+    """Return for each state the value at which its share of w is the law's span."""
+    return [sp.factor(law.span / gain) for gain in gains]
+
+
+def _guarded_integrator(state: Symbol, moved: Expr, gain: Expr, bound: Symbol) -> Expr:
+    """Return the next value of an integrator: frozen while it pushes into the clamp, bounded."""
+    step = gain * (moved - state)
+    outward = sp.Or(sp.And(commanded > u_max, step > 0), sp.And(commanded < u_min, step < 0))
+    return sp.Piecewise((state, outward), (sp.Min(sp.Max(moved, -bound), bound), True))
+
+
+def continuous_equation(law: ControlLaw) -> tuple[tuple[Expr, ...], Expr]:
+    """Return (state derivatives, commanded voltage) of the continuous law, guards included.
+
+    In what the law reads, the states, the gains and the believed coefficients; ``u_cmd`` stands
+    for the commanded voltage inside the derivatives.
+    """
+    states, read = Matrix(law.states), Matrix(law.inputs)
+    correction = (law.core.C * states)[0] + (law.core.D * read)[0]
+    command = law.command.subs(law.constants).subs(w, correction)
+    rates = law.core.A * states + law.core.B * read
+    guarded = []
+    for n, bound in enumerate(_integrator_bounds(law, law.core.C)):
+        if n not in law.integrators:
+            guarded.append(rates[n])
+            continue
+        push = law.core.C[n] * rates[n]
+        outward = sp.Or(
+            sp.And(commanded > u_max, push > 0),
+            sp.And(commanded < u_min, push < 0),
+            sp.And(law.states[n] > bound, rates[n] > 0),
+            sp.And(law.states[n] < -bound, rates[n] < 0),
+        )
+        guarded.append(sp.Piecewise((sp.Integer(0), outward), (rates[n], True)))
+    return tuple(guarded), command
