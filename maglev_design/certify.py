@@ -99,9 +99,13 @@ def _at(numerator: Any, denominator: Any, period: float) -> tuple[float, ...]:
     response = control.frd(system, omega, smooth=True)
     gains, phases, distances, _, crossings, _ = control.stability_margins(response, returnall=True)
     up, down = gains[gains > 1], gains[gains < 1]
+    # a distance without a local minimum is smallest at an end of the frequencies
+    nearest = (
+        float(np.abs(1 + response.eval(omega).ravel()).min()) if not distances.size else math.inf
+    )
     delays = np.deg2rad(np.abs(phases)) / crossings
     return (
-        1 / float(distances.min()),
+        1 / min(float(distances.min(initial=math.inf)), nearest),
         float(up.min()) if up.size else math.inf,
         float(down.max()) if down.size else 0.0,
         float(np.abs(phases).min()) if phases.size else math.inf,

@@ -91,6 +91,20 @@ COMPARISON: dict[str, Any] = {
             spread={k: {"low": 1.0, "high": 2.0} for k in ("ise", "iae", "itae")},
         ),
     ],
+    "margins": [
+        {
+            "label": "TAN-GPI",
+            "variant": "default",
+            "guess": "",
+            "method": "tustin",
+            "ms_one_more_sample": None,
+            **{
+                name: {"value": 2.0, "gap": 0.01, "ratio": 1.0}
+                for name in ("ms", "gain_up", "gain_down", "phase_deg")
+            },
+            "delay_s": {"value": 0.0015, "gap": 0.01, "ratio": 1.0},
+        }
+    ],
     "orderings": [
         {
             "test": "nominal",
@@ -122,6 +136,11 @@ def test_the_split_is_in_per_cent() -> None:
     assert rows[0] == ("TAN-GPI", "ISE", "75 %", "25 %", "0 %")
 
 
+def test_margins_show_milliseconds_and_a_dash_for_an_unstable_loop() -> None:
+    (row,) = comparison_text.margin_table(COMPARISON).rows
+    assert row == ("TAN-GPI", "2", "-", "2", "2", "2", "1.5")
+
+
 def test_an_ordering_says_on_what_it_depends() -> None:
     (row,) = comparison_text.ordering_table(COMPARISON, COMPARISON["tests"][0]).rows
     assert row == ("ITAE", "LIN-PID", "1 of 2", "variant of the PID", "0 of 4", "-")
@@ -133,4 +152,4 @@ def test_the_comparison_page_escapes_the_rig_and_shows_the_figures() -> None:
     assert "(figure_03.png)" in page
     assert "Counterpart of Fig. 3" in page
     widths = {line.count("|") - line.count("\\|") for line in page.splitlines() if line[:2] == "| "}
-    assert widths == {9, 7, 6}
+    assert widths == {9, 8, 7, 6}

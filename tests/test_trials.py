@@ -11,6 +11,7 @@ from rigs import SHORT, rig_with
 
 from maglev_design.choices import TAN_GPI, Controller
 from maglev_design.design import PAPER_POLES, PoleSpec, make_design, plant_beta
+from maglev_design.loop import build_loop, family, peak_sensitivity
 from maglev_design.paper.comparison import Comparison, compare, summarise
 from maglev_design.paper.trials import (
     EMULATION,
@@ -117,6 +118,24 @@ def test_the_comparison_runs_every_controller_in_every_test(found: Comparison) -
         "FEE-GPI",
         "TAN-GPI tuned",
     ]
+
+
+def test_every_controller_has_the_margins_of_its_own_loop(
+    short_rig: Rig, found: Comparison
+) -> None:
+    assert [m.contender for m in found.margins] == list(contenders(PAPER))
+    for margins in found.margins:
+        loop = build_loop(
+            short_rig,
+            equilibrium="model",
+            method="tustin",
+            controller=margins.contender.controller,
+        )
+        over = family(short_rig, short_rig.uncertainty.beta)
+        peak = peak_sensitivity(loop, margins.contender.poles.values, over)
+        # python-control's grid of frequencies and gaps against the refined search
+        assert margins.margins.ms.value == pytest.approx(peak.value, rel=5e-3)
+        assert margins.ms_one_more_sample > margins.margins.ms.value
 
 
 def test_noise_gives_a_median_inside_its_interval_and_quiet_tests_one_run(

@@ -19,7 +19,13 @@ from maglev_design.paper.survey import orderings, survey
 from maglev_design.paper.trials import Reading, contenders
 from maglev_design.parameters import Emulator, Rig, load_rig
 from maglev_design.record import finite, load, rig_as_data
-from maglev_design.report.comparison_text import guesses, markdown, ordering_table, result_tables
+from maglev_design.report.comparison_text import (
+    guesses,
+    margin_table,
+    markdown,
+    ordering_table,
+    result_tables,
+)
 from maglev_design.tune import TuneResult, build_problem, solve
 
 
@@ -134,6 +140,7 @@ def _document(rig: Rig, found: Comparison, seed: int) -> dict[str, Any]:
                     for t in tests.values()
                 ],
                 "results": [result.as_dict() for result in found.results],
+                "margins": [margins.as_dict() for margins in found.margins],
             }
         )
     )
@@ -157,6 +164,9 @@ def _write(
 def _print(document: dict[str, Any]) -> None:
     for drawn in result_tables(document):
         table(drawn.title, drawn.header, drawn.rows, words=drawn.words)
+    drawn = margin_table(document)
+    if drawn.rows:
+        table(drawn.title, drawn.header, drawn.rows)
     for text in guesses(document):
         sys.stdout.write(text + "\n")
     if not document["orderings"]:

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maglev_design.certify import Margins, sampled_margins
+from maglev_design.loop import build_loop, family, peak_sensitivity, spectral_radius
 from maglev_design.paper.trials import (
     EMULATION,
     INDICES,
@@ -22,6 +24,7 @@ from maglev_design.paper.trials import (
     Reading,
     Trial,
     figures,
+    rig_for,
     run_trial,
 )
 from maglev_design.parameters import Rig
@@ -112,12 +115,72 @@ class Curve:
 
 
 @dataclass(frozen=True)
+class LoopMargins:
+    """Margins of one controller's sampled linear loop, each worst over path and ratios.
+
+    Attributes
+    ----------
+    contender : Contender
+    reading : Reading
+    margins : Margins
+        By python-control; nan where the loop is unstable somewhere.
+    ms_one_more_sample : float
+        Ms with one more sample of delay; nan where that is unstable.
+    """
+
+    contender: Contender
+    reading: Reading
+    margins: Margins
+    ms_one_more_sample: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the margins for JSON."""
+        return {
+            "controller": self.contender.controller.name,
+            "label": self.contender.label,
+            "variant": self.contender.variant,
+            "guess": self.contender.guess,
+            "equilibrium": self.reading.equilibrium,
+            "method": self.reading.method,
+            **self.margins.as_dict(),
+            "ms_one_more_sample": self.ms_one_more_sample,
+        }
+
+
+def loop_margins(rig: Rig, contender: Contender, reading: Reading) -> LoopMargins:
+    """Return the margins of a sampled loop over the rig's path and uncertainty of beta."""
+    own, method = rig_for(rig, reading), reading.method
+    if method is None:
+        raise ValueError("a continuous controller has no sampled loop")
+    over = family(own, own.uncertainty.beta)
+    poles = contender.poles.values
+    now, later = (
+        build_loop(
+            own,
+            equilibrium=reading.equilibrium,
+            method=method,
+            controller=contender.controller,
+            extra_samples=extra,
+        )
+        for extra in (0, 1)
+    )
+    stable = spectral_radius(later, poles, over).value < 1
+    return LoopMargins(
+        contender,
+        reading,
+        sampled_margins(now, poles, over),
+        peak_sensitivity(later, poles, over).value if stable else math.nan,
+    )
+
+
+@dataclass(frozen=True)
 class Comparison:
     """All results, and the curves of the default variants (first seed) for the figures."""
 
     rig: Rig
     results: tuple[Result, ...]
     curves: dict[str, tuple[Curve, ...]]
+    margins: tuple[LoopMargins, ...]
 
     def of(self, trial: str, label: str, variant: str = "default") -> Result:
         """Return the first result of a controller in a test."""
@@ -175,7 +238,10 @@ def compare(
         values, spread = summarise(runs)
         period = own.sampling.period
         results.append(Result(trial, contender, reading, period, values, spread, count))
-    return Comparison(rig, tuple(results), {name: tuple(c) for name, c in curves.items() if c})
+    shown = {name: tuple(c) for name, c in curves.items() if c}
+    progress("margins", 1.0)
+    margins = [loop_margins(rig, c, r) for r in readings if r.method for c in chosen]
+    return Comparison(rig, tuple(results), shown, tuple(margins))
 
 
 def _possible(trial: Trial, reading: Reading) -> bool:

@@ -80,6 +80,38 @@ def result_tables(document: Mapping[str, Any]) -> tuple[Table, ...]:
     return tuple(tables)
 
 
+def margin_table(document: Mapping[str, Any]) -> Table:
+    """Return the margins of every sampled loop; a dash where the loop is unstable."""
+    several = len({m["method"] for m in document["margins"]}) > 1
+    rows = [
+        (
+            named(m) + (f", {m['method']}" if several else ""),
+            short(m["ms"]["value"]),
+            short(m["ms_one_more_sample"]),
+            short(m["gain_up"]["value"]),
+            short(m["gain_down"]["value"]),
+            short(m["phase_deg"]["value"]),
+            short(_thousandfold(m["delay_s"]["value"])),
+        )
+        for m in document["margins"]
+    ]
+    head = (
+        "controller",
+        "Ms",
+        "Ms, +1 sample",
+        "gain up",
+        "gain down",
+        "phase [deg]",
+        "delay [ms]",
+    )
+    title = "Margins of the sampled loop, worst over the path and the rig's uncertainty of beta"
+    return Table(title, head, tuple(rows))
+
+
+def _thousandfold(value: float | None) -> float | None:
+    return None if value is None else 1e3 * value
+
+
 def spread_table(document: Mapping[str, Any]) -> Table:
     """Return the 95 % intervals of the indices where noise enters."""
     rows = [
@@ -167,8 +199,10 @@ def markdown(document: Mapping[str, Any], command: str, figures: Sequence[str]) 
         "## Results",
         "",
     ]
-    for table in (*result_tables(document), spread_table(document), split_table(document)):
-        lines += [*pipes(table), ""]
+    tables = (*result_tables(document), spread_table(document), split_table(document))
+    for table in (*tables, margin_table(document)):
+        if table.rows:
+            lines += [*pipes(table), ""]
     if document["orderings"]:
         lines += [
             "## Which orderings survive",
