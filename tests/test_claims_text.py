@@ -109,6 +109,7 @@ COMPARISON: dict[str, Any] = {
         {
             "test": "nominal",
             "figure": "itae",
+            "name": "ITAE",
             "than": "LIN-PID",
             "stated_held": 1,
             "stated_readings": 2,

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from maglev_design.paper import simulated
+from maglev_design.paper import simulated, single_runs
 from maglev_design.paper.comparative import (
     EVERYONE,
     Statement,
@@ -147,14 +147,14 @@ def test_noise_of_a_millimetre_would_matter(short_rig: Rig, rows: tuple[Row, ...
         noise = short_rig.noise.model_copy(update={"position": deviation})
         return short_rig.model_copy(update={"noise": noise})
 
-    assert simulated.noise_role(with_sensor(1.4e-9), rows, 0).verdict == "corrected"
-    assert simulated.noise_role(with_sensor(1e-4), rows, 0).verdict == "verified"
+    assert single_runs.noise_role(with_sensor(1.4e-9), rows, 0).verdict == "corrected"
+    assert single_runs.noise_role(with_sensor(1e-4), rows, 0).verdict == "verified"
 
 
 def test_the_largest_error_survived_is_an_edge(short_rig: Rig) -> None:
     tan = contenders()[0]
-    free = simulated.largest_error(short_rig, tan, 1, clamped=False)
-    held = simulated.largest_error(short_rig, tan, 1)
+    free = single_runs.largest_error(short_rig, tan, 1, clamped=False)
+    held = single_runs.largest_error(short_rig, tan, 1)
     # without the clamp a negative command attracts, and the edge is inside the allowed gaps
     assert 0 < free < held
     assert held <= short_rig.limits.gap[1] - short_rig.reference.start_gap
@@ -163,7 +163,7 @@ def test_the_largest_error_survived_is_an_edge(short_rig: Rig) -> None:
 def test_without_an_emulator_the_experiments_have_no_stand_in(
     short_rig: Rig, rows: tuple[Row, ...]
 ) -> None:
-    claim = simulated.experiments(short_rig, rows, 0)
+    claim = single_runs.experiments(short_rig, rows, 0)
     assert claim.verdict == "not-checkable"
     assert claim.values == {}
 

@@ -14,26 +14,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from maglev_design.paper.ledger import Claim, Verdict
-from maglev_design.paper.survey import OURS, Ordering, Row, ordering
+from maglev_design.paper.survey import NAMES, OURS, Ordering, Row, ordering
 from maglev_design.paper.trials import INDICES, TRIALS
 
 PID, FEE = "LIN-PID", "FEE-GPI"
 OPPONENTS = (PID, FEE)
 EVERYONE = (OURS, PID, FEE)
 SURVEY = "maglev-design compare --json"
-NAMES = {
-    "ise": "ISE",
-    "iae": "IAE",
-    "itae": "ITAE",
-    "total_variation": "total variation of the voltage",
-    "peak_voltage": "peak voltage",
-    "settling": "settling time",
-    "undershoot": "undershoot",
-    "largest_error_moving": "largest error of the move",
-    "largest_error_centre": "largest error between second 3 and 5",
-    "iae_start": "IAE before the move",
-    "mean_error_holding": "mean error after the move",
-}
 
 
 @dataclass(frozen=True)

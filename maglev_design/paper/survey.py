@@ -29,20 +29,21 @@ from maglev_design.parameters import Rig
 Outcome = Literal["always", "depends", "never"]
 
 OURS = "TAN-GPI"
-COMPARED = (
-    "ise",
-    "iae",
-    "itae",
-    "total_variation",
-    "peak_voltage",
-    "settling",
-    "undershoot",
-    "largest_error_moving",
-    "largest_error_centre",
-    "iae_start",
-    "mean_error_holding",
-)
-"""Figures of which the smaller is the better."""
+NAMES = {
+    "ise": "ISE",
+    "iae": "IAE",
+    "itae": "ITAE",
+    "total_variation": "total variation of the voltage",
+    "peak_voltage": "peak voltage",
+    "settling": "settling time",
+    "undershoot": "undershoot",
+    "largest_error_moving": "largest error of the move",
+    "largest_error_centre": "largest error between second 3 and 5",
+    "iae_start": "IAE before the move",
+    "mean_error_holding": "mean error after the move",
+}
+"""Figures of which the smaller is the better, and what people call them."""
+COMPARED = tuple(NAMES)
 FACTORS = (
     "variant",
     "equilibrium",
@@ -129,6 +130,7 @@ class Ordering:
             "better": OURS,
             "than": self.opponent,
             "figure": self.figure,
+            "name": NAMES[self.figure],
             "outcome": self.outcome,
             "readings": self.readings,
             "held": self.held,

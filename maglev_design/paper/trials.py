@@ -216,22 +216,6 @@ def run_trial(
 
 INDICES = ("ise", "iae", "itae")
 PARTS = ("start", "move", "hold")
-UNITS = {
-    "ise": "m² s",
-    "iae": "m s",
-    "itae": "m s²",
-    "peak_voltage": "V",
-    "min_voltage": "V",
-    "peak_applied": "V",
-    "total_variation": "V",
-    "settling": "s",
-    "undershoot": "-",
-    "largest_error_moving": "m",
-    "largest_error_centre": "m",
-    "mean_error_holding": "m",
-    "final_error": "m",
-}
-"""Figures of one run and their units, in the order of the tables."""
 
 
 def _centre(rig: Rig) -> float:
@@ -241,7 +225,7 @@ def _centre(rig: Rig) -> float:
 
 
 def figures(rig: Rig, response: Response) -> dict[str, float]:
-    """Return the figures of :data:`UNITS`, the splits of the indices, and ``crashed`` as 0 or 1."""
+    """Return the figures of one run in SI units, the indices' splits, and ``crashed`` as 0 or 1."""
     found, path = response.metrics, rig.reference
     error = np.abs(response.gap - response.reference)
     centre = np.abs(response.times - _centre(rig)) <= 0.2 * (path.end_time - path.start_time)

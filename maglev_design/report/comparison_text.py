@@ -15,19 +15,6 @@ COLUMNS = (
     ("settling [s]", "settling"),
     ("undershoot", "undershoot"),
 )
-FIGURE_NAMES = {
-    "ise": "ISE",
-    "iae": "IAE",
-    "itae": "ITAE",
-    "total_variation": "total variation of u",
-    "peak_voltage": "peak of u",
-    "settling": "settling",
-    "undershoot": "undershoot",
-    "largest_error_moving": "largest error, move",
-    "largest_error_centre": "largest error, 3 to 5 s",
-    "iae_start": "IAE before the move",
-    "mean_error_holding": "mean error after it",
-}
 FACTOR_NAMES = {
     "variant": "variant of the PID",
     "equilibrium": "equilibrium reading",
@@ -134,7 +121,7 @@ def ordering_table(document: Mapping[str, Any], trial: Mapping[str, Any]) -> Tab
     """Return for one test in how many readings TAN-GPI has the smaller figure."""
     rows = [
         (
-            FIGURE_NAMES[o["figure"]],
+            o["name"],
             o["than"],
             f"{o['stated_held']} of {o['stated_readings']}",
             FACTOR_NAMES[o["stated_decided_by"]] if o["stated_outcome"] == "depends" else "-",
