@@ -13,6 +13,7 @@ ControllerName = Literal["tan-gpi", "fee-gpi", "lin-pid", "state-feedback"]
 Feedforward = Literal["none", "static"]
 Derivative = Literal["error", "measurement"]
 Start = Literal["kick", "bumpless"]
+Backend = Literal["auto", "compiled", "interpreted"]
 
 METHODS: tuple[Method, ...] = get_args(Method)
 EQUILIBRIA: tuple[Equilibrium, ...] = get_args(Equilibrium)

@@ -237,7 +237,8 @@ def plant_program() -> Program:
 
 
 @cache
-def _beta_program() -> Program:
+def beta_program() -> Program:
+    """Return the program (m, C, K) -> beta = K C^2/m."""
     return lower((p.m, p.C, p.K), {"beta": p.magnetic_levitation().beta})
 
 
@@ -272,7 +273,7 @@ def plant_beta(rig: Rig) -> float:
     0.00136884
     """
     plant = rig.plant
-    (value,) = _beta_program().scalar()(plant.mass, plant.current_gain, plant.force_constant)
+    (value,) = beta_program().scalar()(plant.mass, plant.current_gain, plant.force_constant)
     return value
 
 

@@ -15,6 +15,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -101,7 +102,11 @@ class Program:
         return lambda *values: self.evaluate(_NUMPY_OPERATORS, *values)
 
     def scalar(self) -> Callable[..., tuple[float, ...]]:
-        """Return a fast callable for plain floats, compiled from :meth:`source` text."""
+        """Return a fast callable for plain floats, compiled once from :meth:`source` text."""
+        return self._scalar
+
+    @cached_property
+    def _scalar(self) -> Callable[..., tuple[float, ...]]:
         body = "\n".join(f"    {line}" for line in self.source("python"))
         arguments = ", ".join(self.inputs)
         returned = ", ".join(self.outputs)
@@ -250,8 +255,11 @@ class _Builder:
             return self.add("neg", self.emit(-x))
         above = [f for f in _ordered(factors) if not _is_inverse(f)]
         below = [1 / f for f in _ordered(factors) if _is_inverse(f)]
-        above = ([sp.Integer(coefficient.p)] if coefficient.p != 1 else []) + above
-        below = ([sp.Integer(coefficient.q)] if coefficient.q != 1 else []) + below
+        if not above:
+            above = [sp.Integer(coefficient.p)]
+            below = ([sp.Integer(coefficient.q)] if coefficient.q != 1 else []) + below
+        elif coefficient != 1:
+            above = [coefficient, *above]
         numerator = self._fold("mul", above or [sp.Integer(1)])
         return self.add("div", numerator, self._fold("mul", below)) if below else numerator
 

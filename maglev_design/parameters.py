@@ -7,12 +7,14 @@ computed by :mod:`maglev_design.design` from the symbolic layer.
 from __future__ import annotations
 
 import math
+import operator
 import reprlib
 import tomllib
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Self
+from types import MappingProxyType
+from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
@@ -32,6 +34,8 @@ MOST_DELAYED_PERIODS = 50
 """Periods of delay that a loop keeps in mind; no rig levitates with as many."""
 LARGEST_RIG_FILE = 1_000_000
 """[bytes] A rig is a page of text."""
+LARGEST_DRAW = 8.3
+"""Standard deviations beyond which nothing is drawn: no probability below 2^-54 is."""
 LARGEST_SHOWN = 10**30
 """Larger integers are described in a message, not printed."""
 
@@ -158,12 +162,188 @@ class Noise(Section):
     position: Number = _quantity("m", "noise added to the measured gap", default=0.0, ge=0)
 
 
+class Spread(Section):
+    """What one physical parameter is drawn from, in the unit of the parameter.
+
+    In a rig file either ``[lower, upper]``, which is uniform, or a table:
+
+    - ``{ distribution = "uniform", lower = , upper = }``
+    - ``{ distribution = "triangular", lower = , mode = , upper = }``
+    - ``{ distribution = "normal", mean = , deviation = }``, the standard deviation; with ``lower``
+      or ``upper`` or both, what lies beyond is never drawn (the rest is drawn as often as before,
+      in proportion).
+    """
+
+    distribution: Literal["uniform", "triangular", "normal"] = Field(
+        description="uniform, triangular or normal [-]"
+    )
+    lower: Number | None = _quantity("-", "smallest value that is drawn", default=None)
+    upper: Number | None = _quantity("-", "largest value that is drawn", default=None)
+    mode: Number | None = _quantity("-", "most frequent value (triangular)", default=None)
+    mean: Number | None = _quantity("-", "mean before it is cut off (normal)", default=None)
+    deviation: Number | None = _quantity(
+        "-", "standard deviation before it is cut off (normal)", default=None, gt=0
+    )
+
+    @model_validator(mode="after")
+    def _is_whole(self) -> Self:
+        needed, optional = _SPREADS[self.distribution]
+        for name in needed:
+            if getattr(self, name) is None:
+                raise _fault(name, None, f"required for a {self.distribution} distribution")
+        for name in ("lower", "upper", "mode", "mean", "deviation"):
+            value = getattr(self, name)
+            if value is not None and name not in (*needed, *optional):
+                raise _fault(
+                    name,
+                    value,
+                    f"does not belong to a {self.distribution} distribution, which takes "
+                    + ", ".join((*needed, *optional)),
+                )
+        low, high = self.lower, self.upper
+        if low is not None and high is not None and low >= high:
+            raise _fault("upper", high, f"must be above lower = {low}")
+        for name in ("mode", "mean"):
+            middle = getattr(self, name)
+            if middle is None:
+                continue
+            if (low is not None and middle < low) or (high is not None and middle > high):
+                raise _fault(name, middle, f"must be from lower = {low} to upper = {high}")
+        return self
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """The smallest and the largest value that can be drawn."""
+        low, high = self.lower, self.upper
+        if self.mean is not None and self.deviation is not None:
+            far = LARGEST_DRAW * self.deviation
+            low = self.mean - far if low is None else low
+            high = self.mean + far if high is None else high
+        if low is None or high is None:
+            raise ValueError("a spread without ends")  # validation lets none through
+        return low, high
+
+
+_SPREADS: MappingProxyType[str, tuple[tuple[str, ...], tuple[str, ...]]] = MappingProxyType(
+    {
+        "uniform": (("lower", "upper"), ()),
+        "triangular": (("lower", "mode", "upper"), ()),
+        "normal": (("mean", "deviation"), ("lower", "upper")),
+    }
+)
+"""What each distribution needs and what it may have besides."""
+
+DRAWN: MappingProxyType[str, tuple[type[Section], str]] = MappingProxyType(
+    {
+        "mass": (PlantParameters, "mass"),
+        "current_gain": (PlantParameters, "current_gain"),
+        "force_constant": (PlantParameters, "force_constant"),
+        "gravity": (PlantParameters, "gravity"),
+        "gap_offset": (PlantParameters, "gap_offset"),
+        "initial_gap": (InitialState, "gap"),
+        "initial_velocity": (InitialState, "velocity"),
+        "input_noise": (Noise, "input"),
+        "position_noise": (Noise, "position"),
+    }
+)
+"""The keys of ``[uncertainty]`` besides beta, and whose value each of them spreads."""
+
+
+def _drawn(name: str) -> Any:
+    """Return the field of one uncertain parameter: unit and meaning are the parameter's own."""
+    model, field = DRAWN[name]
+    text, _, unit = (model.model_fields[field].description or "").rpartition(" [")
+    return _quantity(unit.rstrip("]"), f"spread of: {text}", default=None)
+
+
+def _impossible(name: str, spread: Spread) -> PydanticCustomError | None:
+    """Return the fault of a spread from which impossible values would be drawn, if it has one."""
+    model, field = DRAWN[name]
+    info = model.model_fields[field]
+    unit = (info.description or "").rpartition(" [")[2].rstrip("]")
+    low, high = spread.reach
+    for limit in info.metadata:
+        for word, value, broken, text in (
+            ("gt", low, operator.le, "greater than"),
+            ("ge", low, operator.lt, "at least"),
+            ("lt", high, operator.ge, "less than"),
+            ("le", high, operator.gt, "at most"),
+        ):
+            at = getattr(limit, word, None)
+            if at is None or not broken(value, at):
+                continue
+            return _beyond(name, spread, value, f"must be {text} {at} {unit}")
+    return None
+
+
+def _beyond(name: str, spread: Spread, value: float, allowed: str) -> PydanticCustomError:
+    """Return the fault of a spread that reaches `value`, which is not possible."""
+    end = "lower" if value == spread.reach[0] else "upper"
+    if getattr(spread, end) is not None:
+        return _fault(f"{name}.{end}", value, allowed)
+    return _fault(
+        f"{name}.deviation",
+        spread.deviation,
+        f"draws reach {value:.4g} ({LARGEST_DRAW} deviations from the mean), which {allowed}; "
+        f"give a smaller deviation, or cut the distribution off with {end} = ",
+    )
+
+
 class Uncertainty(Section):
-    """How far the parameters may be off."""
+    """How far the parameters may be off; all but `beta` are read by ``sweep`` alone.
+
+    Each but `beta` is ``[lower, upper]`` or a table, see :class:`Spread`, in the unit of the
+    parameter. Where mass, current_gain or force_constant is given, the plant's beta follows from
+    what is drawn, and `beta` is not used; else the true beta is beta_c/ratio with the ratio uniform
+    in [1 - u, 1 + u].
+    """
 
     beta: Number = _quantity(
         "-", "u: beta_c/beta may be anywhere in [1 - u, 1 + u]", default=0.0, ge=0, lt=1
     )
+    mass: Spread | None = _drawn("mass")
+    current_gain: Spread | None = _drawn("current_gain")
+    force_constant: Spread | None = _drawn("force_constant")
+    gravity: Spread | None = _drawn("gravity")
+    gap_offset: Spread | None = _drawn("gap_offset")
+    initial_gap: Spread | None = _drawn("initial_gap")
+    initial_velocity: Spread | None = _drawn("initial_velocity")
+    input_noise: Spread | None = _drawn("input_noise")
+    position_noise: Spread | None = _drawn("position_noise")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _intervals(cls, data: Any) -> Any:
+        """Read ``[lower, upper]`` as a uniform distribution."""
+        if not isinstance(data, dict):
+            return data
+        data = dict(data)
+        for name in DRAWN:
+            value = data.get(name)
+            if isinstance(value, list | tuple) and len(value) == 2:
+                data[name] = {"distribution": "uniform", "lower": value[0], "upper": value[1]}
+            elif value is not None and not isinstance(value, dict | Spread):
+                unit = _unit_of(["uncertainty", name])
+                raise _fault(
+                    name,
+                    value,
+                    "must be [lower, upper] or a table such as "
+                    f'{{ distribution = "normal", mean = ..., deviation = ... }}{unit}',
+                )
+        return data
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        for name, spread in self.spreads.items():
+            fault = _impossible(name, spread)
+            if fault is not None:
+                raise fault
+        return self
+
+    @property
+    def spreads(self) -> dict[str, Spread]:
+        """What is given besides beta, in the order of the fields."""
+        return {name: spread for name in DRAWN if (spread := getattr(self, name)) is not None}
 
 
 class Emulator(Section):
@@ -244,6 +424,11 @@ class Rig(Section):
         for field, gap in gaps.items():
             if not low < gap < high:
                 raise _fault(field, gap, f"must be inside limits.gap, {low} m to {high} m")
+        spread = self.uncertainty.initial_gap
+        for gap in spread.reach if spread is not None else ():
+            if spread is not None and not low < gap < high:
+                allowed = f"must be inside limits.gap, {low} m to {high} m"
+                raise _beyond("uncertainty.initial_gap", spread, gap, allowed)
         self._emulator_is_possible()
         samples = self.reference.horizon / self.sampling.period
         if samples > MOST_SAMPLES:
@@ -268,7 +453,7 @@ class Rig(Section):
             )
 
 
-def _fault(field: str, value: float, allowed: str) -> PydanticCustomError:
+def _fault(field: str, value: Any, allowed: str) -> PydanticCustomError:
     """Return the error of one field of a section, judged together with its neighbours."""
     return PydanticCustomError(
         "rig", "{text}", {"field": field, "value": value, "text": f"{field}: {allowed}"}
@@ -429,7 +614,8 @@ def _hint(field: str, value: Any) -> str:
         return ""
     if not abs(value) < LARGEST_SHOWN:
         return ""
-    metres = field.endswith(("gap", "gap_offset"))
+    quantity = field.removesuffix(".lower").removesuffix(".upper")
+    metres = quantity.endswith(("gap", "gap_offset"))
     if metres and value > LONGEST_GAP:
         return f" (gaps are in metres: {value:g} mm is {value / 1000:g} m)"
     if field.startswith(("sampling", "emulator.")) and value > LONGEST_PERIOD:
@@ -441,14 +627,17 @@ def _model_at(location: list[str]) -> type[BaseModel]:
     model: type[BaseModel] = Rig
     for part in location:
         inner = model.model_fields[part].annotation if part in model.model_fields else None
-        if isinstance(inner, type) and issubclass(inner, BaseModel):
-            model = inner
+        for kind in (inner, *get_args(inner)):
+            if isinstance(kind, type) and issubclass(kind, BaseModel):
+                model = kind
     return model
 
 
 def _unit_of(location: list[str]) -> str:
     """Return the documented meaning and unit of a field, or nothing for a section."""
     names = [part for part in location if not part.isdigit()]
+    if _model_at(names[:-1]) is Spread and names[-1] != "distribution":
+        names = names[:-1]  # in the unit of what is spread
     info = _model_at(names[:-1]).model_fields.get(names[-1]) if names else None
     return f" ({info.description})" if info is not None and info.description else ""
 

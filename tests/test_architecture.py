@@ -47,6 +47,8 @@ HEAVY = {
     "rich": {"cli"},
     "pydantic": {"parameters"},
     "pydantic_core": {"parameters"},
+    "dask": {"sweep"},
+    "distributed": {"sweep"},
 }
 """Where each heavy library may be imported, lazily or not."""
 
@@ -60,6 +62,8 @@ LATE = {
     "matplotlib",
     "pydantic",
     "rich",
+    "dask",
+    "distributed",
 }
 """What the command line must not load before it knows that it needs it."""
 

@@ -16,6 +16,7 @@ from maglev_design.errors import InputError, MaglevError, nearest
 from maglev_design.parameters import (
     LARGEST_RIG_FILE,
     Rig,
+    Uncertainty,
     fields,
     load_rig,
     make_rig,
@@ -108,6 +109,9 @@ BAD_VALUES = [
     ("uncertainty.beta", 1.0, ["1.0", "less than 1", "[-]"]),
     ("uncertainty.beta", 15, ["15", "less than 1", "[-]"]),
     ("uncertainty.beta", -0.15, ["-0.15", "greater than or equal to 0", "[-]"]),
+    ("uncertainty.mass", 0.02, ["0.02", "[lower, upper] or a table", "[kg]"]),
+    ("uncertainty.mass", [0.02], ["[0.02]", "[lower, upper] or a table", "[kg]"]),
+    ("uncertainty.gravity", "9.8", ["'9.8'", "[lower, upper] or a table", "[m/s^2]"]),
     ("emulator.inductance", -1.0, ["-1.0", "greater than or equal to 0", "[H]"]),
     ("emulator.resistance", -1.0, ["-1.0", "greater than or equal to 0", "[ohm]"]),
     ("emulator.sensor_step", -1e-5, ["-1e-05", "greater than or equal to 0", "[m]"]),
@@ -139,6 +143,95 @@ def test_a_bad_value_is_named_with_its_field_unit_and_what_is_allowed(
     assert f"{field} = " in message
     assert [word for word in words if word not in message] == []
     assert len(message) < LONGEST_MESSAGE
+
+
+NORMAL = {"distribution": "normal", "mean": 0.02, "deviation": 0.0005}
+
+# what stands under [uncertainty], the field that the message names, words that it must hold
+BAD_SPREADS: list[tuple[str, Any, str, list[str]]] = [
+    ("mass", [0.0, 0.021], "mass.lower = 0.0", ["greater than 0", "kg"]),
+    ("mass", [-0.019, 0.021], "mass.lower = -0.019", ["greater than 0", "kg"]),
+    ("mass", [0.021, 0.019], "mass.upper = 0.019", ["above lower = 0.021"]),
+    ("mass", [0.02, 0.02], "mass.upper = 0.02", ["above lower = 0.02"]),
+    ("mass", [math.nan, 0.021], "mass.lower = nan", ["finite number", "[kg]"]),
+    ("mass", [0.019, math.inf], "mass.upper = inf", ["finite number", "[kg]"]),
+    ("mass", ["0.019", 0.021], "mass.lower = '0.019'", ["number", "[kg]"]),
+    ("mass", NORMAL | {"deviation": 0.0}, "mass.deviation = 0.0", ["greater than 0", "[kg]"]),
+    ("mass", NORMAL | {"deviation": 0.01}, "mass.deviation = 0.01", ["-0.063", "8.3", "lower = "]),
+    ("mass", NORMAL | {"lower": -0.01}, "mass.lower = -0.01", ["greater than 0 kg"]),
+    ("mass", NORMAL | {"lower": 0.03}, "mass.mean = 0.02", ["from lower = 0.03"]),
+    ("mass", NORMAL | {"mode": 0.02}, "mass.mode = 0.02", ["does not belong to a normal"]),
+    ("mass", {"distribution": "normal"}, "mass.mean = None", ["required for a normal"]),
+    ("mass", {"mean": 0.02}, "mass.distribution", ["required"]),
+    ("mass", NORMAL | {"distribution": "gauss"}, "mass.distribution = 'gauss'", ["'triangular'"]),
+    ("mass", NORMAL | {"sigma": 1.0}, "'uncertainty.mass.sigma'", ["unknown key", "deviation"]),
+    ("masse", [1.0, 2.0], "'uncertainty.masse'", ["unknown key", "did you mean 'mass'"]),
+    ("gap_offset", [-0.001, 0.001], "gap_offset.lower = -0.001", ["at least 0", "m"]),
+    ("gap_offset", [0.0, 4.2], "gap_offset.upper = 4.2", ["at most 0.5 m", "0.0042 m"]),
+    ("input_noise", [-1e-3, 1e-3], "input_noise.lower = -0.001", ["at least 0", "V"]),
+    ("initial_gap", [0.0005, 0.02], "initial_gap.lower = 0.0005", ["0.001 m to 0.05 m"]),
+    ("initial_gap", [0.02, 0.06], "initial_gap.upper = 0.06", ["0.001 m to 0.05 m"]),
+    (
+        "initial_gap",
+        {"distribution": "normal", "mean": 0.02, "deviation": 0.0023},
+        "initial_gap.deviation = 0.0023",
+        ["0.00091", "0.001 m to 0.05 m", "lower = "],
+    ),
+    (
+        "gravity",
+        {"distribution": "triangular", "lower": 9.7, "mode": 9.6, "upper": 9.9},
+        "gravity.mode = 9.6",
+        ["from lower = 9.7 to upper = 9.9"],
+    ),
+]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "field", "words"),
+    BAD_SPREADS,
+    ids=[f"{n}-{row[0]}" for n, row in enumerate(BAD_SPREADS)],
+)
+def test_an_impossible_spread_is_refused(
+    name: str, value: Any, field: str, words: list[str]
+) -> None:
+    message = refusal(changed(SHORT, {f"uncertainty.{name}": value}))
+    (line,) = message.splitlines()
+    assert field in line
+    assert [word for word in words if word not in line] == []
+
+
+def test_an_interval_is_a_uniform_distribution() -> None:
+    table = {"distribution": "uniform", "lower": 0.019, "upper": 0.021}
+    one, other = (rig_with(SHORT, {"uncertainty.mass": value}) for value in ([0.019, 0.021], table))
+    assert one == other
+    assert one.uncertainty.spreads["mass"].reach == (0.019, 0.021)
+    assert make_rig(one.model_dump(exclude_none=True)) == one
+
+
+@pytest.mark.parametrize(
+    ("cut", "reach"),
+    [
+        ({}, (0.02 - 8.3 * 0.0005, 0.02 + 8.3 * 0.0005)),
+        ({"lower": 0.019}, (0.019, 0.02 + 8.3 * 0.0005)),
+        ({"lower": 0.019, "upper": 0.0205}, (0.019, 0.0205)),
+    ],
+)
+def test_a_normal_distribution_reaches_as_far_as_it_is_drawn(
+    cut: dict[str, float], reach: tuple[float, float]
+) -> None:
+    rig = rig_with(SHORT, {"uncertainty.mass": NORMAL | cut})
+    assert rig.uncertainty.spreads["mass"].reach == pytest.approx(reach)
+
+
+def test_every_spread_has_the_unit_of_what_it_spreads() -> None:
+    units = {name: unit for name, unit, _ in fields()}
+    plant = {"mass", "gravity", "current_gain", "force_constant", "gap_offset"}
+    pairs = {f"plant.{name}": name for name in plant}
+    pairs |= {"initial.gap": "initial_gap", "initial.velocity": "initial_velocity"}
+    pairs |= {"noise.input": "input_noise", "noise.position": "position_noise"}
+    assert set(pairs.values()) | {"beta"} == set(Uncertainty.model_fields)
+    for name, own in pairs.items():
+        assert units[f"uncertainty.{own}"] == units[name]
 
 
 @pytest.mark.parametrize("element", [True, "5", None, {}])

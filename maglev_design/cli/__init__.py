@@ -15,8 +15,10 @@ import typer
 
 from maglev_design import __version__
 from maglev_design.choices import (
+    CONTROLLERS,
     DEFAULT_MAX_MS,
     DEFAULT_PRESET,
+    Backend,
     ControllerName,
     Derivative,
     Equilibrium,
@@ -153,6 +155,13 @@ def simulate(
         float | None, typer.Option(help="y'(0) [m/s] instead of the rig's.")
     ] = None,
     seed: SeedOption = 0,
+    replay: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE:SCENARIO[:DESIGN]",
+            help="Run one scenario of a sweep (its sweep.json) again, with nothing else given.",
+        ),
+    ] = None,
     csv: Annotated[Path | None, typer.Option(help="Write the response to this file.")] = None,
     plot: Annotated[
         Path | None, typer.Option(help="Draw the response into this .png, .svg or .pdf.")
@@ -185,9 +194,94 @@ def simulate(
             initial_error=initial_error,
             initial_velocity=initial_velocity,
             seed=seed,
+            replay=replay,
         ),
         csv,
         plot,
+        as_json=json,
+    )
+
+
+@app.command()
+def sweep(
+    samples: Annotated[int, typer.Option(help="Scenarios [-].")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Folder for the chunks and sweep.json.")
+    ],
+    rig: Annotated[
+        str | None,
+        typer.Option(
+            "--rig", help="A rig file or preset; with --design, whose uncertainty is meant."
+        ),
+    ] = None,
+    design: Annotated[
+        list[Path] | None, typer.Option(help="A saved design.json; may be given several times.")
+    ] = None,
+    controller: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar=f"[{'|'.join(CONTROLLERS)}]",
+            help="A law with --zeta and --omega-n; may be given several times.",
+        ),
+    ] = None,
+    zeta: Annotated[float | None, typer.Option(help="Damping of the poles [-].")] = None,
+    omega_n: Annotated[float | None, typer.Option(help="Frequency of the poles [rad/s].")] = None,
+    equilibrium: Annotated[
+        Equilibrium | None, typer.Option(help="How the controller learns U, C_U and C_Y.")
+    ] = None,
+    method: Annotated[Method | None, typer.Option(help="Discretisation of the law.")] = None,
+    sampling: Annotated[
+        Literal["lhs", "sobol", "random"],
+        typer.Option(help="Latin hypercube, scrambled Sobol sequence, or independent draws."),
+    ] = "lhs",
+    noise: Annotated[
+        bool | None,
+        typer.Option("--noise/--no-noise", help="Whether noise acts; default: if the rig has any."),
+    ] = None,
+    seed: Annotated[
+        int, typer.Option(min=0, max=2**32 - 1, help="Seed of the draws and of the noise.")
+    ] = 0,
+    chunk: Annotated[
+        int | None, typer.Option(help="Scenarios a file, a multiple of 4; default: about a second.")
+    ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(min=1, max=1024, help="Processes; default: all cores, where it is worth it."),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="tcp://HOST:PORT", help="Compute on this Dask cluster."),
+    ] = None,
+    backend: Annotated[Backend, typer.Option(help="How a loop is computed.")] = "auto",
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Draw plants from the rig's uncertainty and see how many the controller holds, and how well.
+
+    Interrupted or killed, the same command continues where it was.
+    """
+    from maglev_design.cli import sweep_verb  # noqa: PLC0415
+
+    sweep_verb.sweep(
+        sweep_verb.Request(
+            rig=rig,
+            designs=tuple(design or ()),
+            controllers=tuple(controller or ()),
+            zeta=zeta,
+            omega_n=omega_n,
+            equilibrium=equilibrium,
+            method=method,
+            samples=samples,
+            sampling=sampling,
+            noise=noise,
+            seed=seed,
+            chunk=chunk,
+            jobs=jobs,
+            scheduler=scheduler,
+            backend=backend,
+        ),
+        output,
+        force=force,
         as_json=json,
     )
 

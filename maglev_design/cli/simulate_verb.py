@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,8 @@ from maglev_design.files import write_bytes
 from maglev_design.paper.trials import TRIALS
 from maglev_design.parameters import Emulator, Rig, load_rig, make_rig
 from maglev_design.record import load
-from maglev_design.simulate import Response, Scenario, emulated, error_bounds
+from maglev_design.simulate import Response, Scenario, emulated, error_bounds, loop_for
+from maglev_design.simulate import simulate as run_loop
 
 
 @dataclass(frozen=True)
@@ -47,41 +49,119 @@ class Request:
     initial_error: float | None
     initial_velocity: float | None
     seed: int
+    replay: str | None = None
 
 
 def simulate(request: Request, csv: Path | None, plot: Path | None, *, as_json: bool) -> None:
     """Run the loop, print its figures, write what was asked for."""
+    if request.replay is not None:
+        _replay(request, csv, plot, as_json=as_json)
+        return
     rig, design, scenario, ratio, continuous = _set_up(request)
     response, bounds = error_bounds(
         rig, design, scenario, continuous=continuous, emulate=request.emulate
     )
+    _write(rig, response, ratio, csv, plot)
+    if as_json:
+        period = 0.0 if continuous else rig.sampling.period
+        shown = _document(design, scenario, response, ratio, bounds, period)
+        print_json(shown | {"emulated": request.emulate})
+        return
+    _print(rig, response, bounds)
+    _tell(response, csv, plot)
+
+
+def _replay(request: Request, csv: Path | None, plot: Path | None, *, as_json: bool) -> None:
+    """Run one scenario of a sweep again, on the sweep's own steps, and compare."""
+    from maglev_design.cli.replay import TOLERANCE, difference, replayed  # noqa: PLC0415
+
+    _nothing_else(request)
+    found = replayed(str(request.replay))
+    rig, design, scenario = found.rig, found.design, found.scenario
+    response = run_loop(loop_for(rig, design), design, scenario)
+    _, bounds = error_bounds(rig, design, scenario)
+    ratio = plant_beta(rig) / scenario.beta_plant
+    _write(rig, response, ratio, csv, plot)
+    off = difference(found, response)
+    if as_json:
+        shown = _document(design, scenario, response, ratio, bounds, rig.sampling.period)
+        print_json(shown | {"emulated": False, "replay": found.as_dict(off)})
+    else:
+        _print(rig, response, bounds)
+        drawn = ", ".join(f"{name} = {value:.6g}" for name, value in found.drawn.items())
+        sys.stdout.write(f"Scenario {scenario.index}, seed {scenario.seed}: {drawn or 'as is'}.\n")
+        _tell(response, csv, plot)
+    if off is None:
+        say("the sweep's own figures of this scenario are not there to compare with")
+    elif off > TOLERANCE:
+        warn(
+            f"the sweep recorded figures that differ by {off:.1g} (usually below {TOLERANCE:g}): "
+            "another machine, or a loop that amplifies rounding"
+        )
+    elif not as_json:
+        say(f"agrees with the sweep to {off:.1g}")
+
+
+def _nothing_else(request: Request) -> None:
+    """Refuse options that a replay takes from the sweep."""
+    given = [
+        name
+        for name in (
+            "design",
+            "zeta",
+            "omega_n",
+            "equilibrium",
+            "method",
+            "sample_time",
+            "beta_ratio",
+            "noise",
+            "initial_error",
+            "initial_velocity",
+        )
+        if getattr(request, name) is not None
+    ]
+    given += [name for name, value in request.options.items() if value is not None]
+    given += ["emulate"] if request.emulate else []
+    if given:
+        names = ", ".join(f"--{name.replace('_', '-')}" for name in given)
+        raise InputError(f"{names}: a replay takes everything from the sweep; leave it out")
+
+
+def _document(
+    design: Design,
+    scenario: Scenario,
+    response: Response,
+    ratio: float,
+    bounds: dict[str, float],
+    period: float,
+) -> dict[str, Any]:
+    return response.metrics.as_dict() | {
+        "controller": design.controller.name,
+        "variant": design.controller.variant or "default",
+        "poles": [list(design.poles.first), list(design.poles.second)],
+        "equilibrium": design.equilibrium,
+        "method": design.method if period else None,
+        "sample_time": period,
+        "ratio": ratio,
+        "noise": scenario.noise,
+        "seed": scenario.seed,
+        "relative_error_bounds": bounds,
+    }
+
+
+def _write(rig: Rig, response: Response, ratio: float, csv: Path | None, plot: Path | None) -> None:
     if csv is not None:
         write_bytes(csv, _csv(response).encode())
     if plot is not None:
         _plot(response, f"{rig.name}, ratio {ratio:g}", plot)
-    metrics = response.metrics
-    if as_json:
-        print_json(
-            metrics.as_dict()
-            | {
-                "controller": design.controller.name,
-                "variant": design.controller.variant or "default",
-                "emulated": request.emulate,
-                "poles": [list(design.poles.first), list(design.poles.second)],
-                "equilibrium": design.equilibrium,
-                "method": None if continuous else design.method,
-                "sample_time": 0.0 if continuous else rig.sampling.period,
-                "ratio": ratio,
-                "noise": scenario.noise,
-                "seed": request.seed,
-                "relative_error_bounds": bounds,
-            }
-        )
-        return
-    _print(rig, response, bounds)
-    if metrics.crash is not None:
-        end = "hit the magnet" if metrics.crash.where == "magnet" else "dropped"
-        warn(f"the ball {end} at t = {metrics.crash.time:.4g} s; the metrics count it lying there")
+
+
+def _tell(response: Response, csv: Path | None, plot: Path | None) -> None:
+    """Say what a person must not miss, and what was written."""
+    crash = response.metrics.crash
+    if crash is not None:
+        end = "hit the magnet" if crash.where == "magnet" else "dropped"
+        warn(f"the ball {end} at t = {crash.time:.4g} s; the metrics count it lying there")
     for path in (csv, plot):
         if path is not None:
             say(f"written: {path}")

@@ -4,6 +4,7 @@
 an integrator that shares nothing with the first.
 """
 
+from maglev_design.simulate.batch import Summary, cores, simulate_batch
 from maglev_design.simulate.emulator import emulated
 from maglev_design.simulate.graph import LoopGraph, build
 from maglev_design.simulate.independent import resimulate
@@ -12,6 +13,7 @@ from maglev_design.simulate.response import (
     Metrics,
     Response,
     Scenario,
+    Tangent,
     error_bounds,
     loop_for,
     mirrored,
@@ -27,7 +29,10 @@ __all__ = [
     "Metrics",
     "Response",
     "Scenario",
+    "Summary",
+    "Tangent",
     "build",
+    "cores",
     "emulated",
     "error_bounds",
     "loop_for",
@@ -37,6 +42,7 @@ __all__ = [
     "resimulate",
     "settling_time",
     "simulate",
+    "simulate_batch",
     "total_variation",
     "undershoot",
 ]

@@ -60,7 +60,7 @@ def resimulate(rig: Rig, design: designs.Design, scenario: Scenario) -> Check:
     times: Array = np.arange(count, dtype=float) * period
     samples = designs.reference_path(rig, times)
     noise = np.asarray(noise_samples(rig, scenario, count), dtype=float)
-    integrator = _integrator(rig, scenario.beta_plant)
+    integrator = _integrator(rig, scenario)
     state = [scenario.initial_gap, scenario.initial_velocity, 0.0, 0.0, 0.0]
     memory, first = _start(rig, design, scenario, float(noise[1, 0]))
     pending = deque([first] * when.held)
@@ -99,8 +99,10 @@ def _start(
     return list(program.scalar()(*[numbers[name] for name in program.inputs])), held
 
 
-def _integrator(rig: Rig, beta: float) -> Any:
-    gravity, offset = rig.plant.gravity, rig.plant.gap_offset
+def _integrator(rig: Rig, scenario: Scenario) -> Any:
+    beta, plant = scenario.beta_plant, rig.plant
+    gravity = plant.gravity if scenario.gravity is None else scenario.gravity
+    offset = plant.gap_offset if scenario.gap_offset is None else scenario.gap_offset
     acceleration = acceleration_program().scalar()
     path, floor = rig.reference, contact_gap(rig) / 2  # a ball that has crashed meets no pole
     reference = designs.reference_program().scalar()

@@ -27,6 +27,8 @@ from maglev_design.simulate.noise import INPUT_CHANNEL, POSITION_CHANNEL, standa
 
 Array = NDArray[np.float64]
 
+PARTS = ("start", "move", "hold")
+"""Of a run: before, during and after the move."""
 SAFETY = 2.0
 """Factor between the difference of two step sizes and the stated error bound (4th order: 16/15)."""
 
@@ -45,6 +47,10 @@ class Scenario:
         Whether the rig's noise acts.
     seed, index : int
         Seed and scenario number of the noise stream.
+    gravity, gap_offset : float, optional
+        The plant's g [m/s^2] and y0 [m] where they are not the rig's, which the controller has.
+    input_noise, position_noise : float, optional
+        Standard deviations [V, m] where they are not the rig's.
     """
 
     beta_plant: float
@@ -53,6 +59,19 @@ class Scenario:
     noise: bool = False
     seed: int = 0
     index: int = 0
+    gravity: float | None = None
+    gap_offset: float | None = None
+    input_noise: float | None = None
+    position_noise: float | None = None
+
+    def deviations(self, rig: Rig) -> tuple[float, float]:
+        """Return the standard deviations of input and position noise [V, m], 0 without noise."""
+        if not self.noise:
+            return 0.0, 0.0
+        own = (self.input_noise, self.position_noise)
+        given = (rig.noise.input, rig.noise.position)
+        first, second = (g if o is None else o for o, g in zip(own, given, strict=True))
+        return first, second
 
 
 @dataclass(frozen=True)
@@ -163,8 +182,8 @@ def parameter_vector(
         **design.named_gains,
         **design.coefficients,
         "beta": scenario.beta_plant,
-        "g": rig.plant.gravity,
-        "y0": rig.plant.gap_offset,
+        "g": rig.plant.gravity if scenario.gravity is None else scenario.gravity,
+        "y0": rig.plant.gap_offset if scenario.gap_offset is None else scenario.gap_offset,
         "gap_low": graphs.contact_gap(rig),
         "gap_high": rig.limits.gap[1],
     }
@@ -194,7 +213,7 @@ def _first_sample(
     loop: graphs.LoopGraph, design: Design, scenario: Scenario, first_noise: float
 ) -> dict[str, float]:
     """Return what a law can read before its first step, and its gains, by symbol name."""
-    y_ref, v_ref, acc_ref = reference_path(loop.rig, np.zeros(1))[:, 0]
+    y_ref, v_ref, acc_ref = loop.start
     measured = scenario.initial_gap + first_noise
     if loop.emulator is not None:
         measured = float(graphs.rounded(measured, loop.emulator.sensor_step))
@@ -223,11 +242,11 @@ def noise_samples(rig: Rig, scenario: Scenario, steps: int) -> Array | ca.DM:
     """Return input and position noise, shape (2, steps) [V, m]; zeros without noise."""
     if not scenario.noise:
         return ca.DM(2, steps)
-    channels = ((INPUT_CHANNEL, rig.noise.input), (POSITION_CHANNEL, rig.noise.position))
+    channels = (INPUT_CHANNEL, POSITION_CHANNEL)
     return np.stack(
         [
             deviation * standard_normals(scenario.seed, scenario.index, channel, steps)
-            for channel, deviation in channels
+            for channel, deviation in zip(channels, scenario.deviations(rig), strict=True)
         ]
     )
 
@@ -264,7 +283,7 @@ def simulate(
         seed, start = np.zeros((len(vector), width)), np.zeros((size, width))
         if tangent is not None:
             seed = tangent.parameters
-            start = _start_tangent(loop, design, scenario, float(noise[1, 0]), tangent.gains)
+            start = start_tangent(loop, design, scenario, float(noise[1, 0]), tangent.gains)
         state = np.concatenate([state, start.ravel(order="F")])
         vector = np.concatenate([vector, seed.ravel(order="F")])
     outputs = loop.fold(state, vector, loop.inputs, noise)
@@ -299,7 +318,7 @@ def _start_jacobian(controller: Controller) -> ca.Function:
     return ca.Function("start", list(inputs.values()), [slopes], list(inputs), ["slopes"])
 
 
-def _start_tangent(
+def start_tangent(
     loop: graphs.LoopGraph, design: Design, scenario: Scenario, first_noise: float, gains: Array
 ) -> Array:
     """Return the derivative of the loop's first state, shape (n_states, directions)."""
@@ -326,7 +345,7 @@ def _response(loop: graphs.LoopGraph, history: Array, voltages: Array, track: Ar
     ise, iae, itae = increments.sum(axis=0)
     move = (loop.ends > rig.reference.start_time) & (loop.ends <= rig.reference.end_time)
     before = loop.ends <= rig.reference.start_time
-    parts = {"start": before, "move": move, "hold": ~(before | move)}
+    parts = dict(zip(PARTS, (before, move, ~(before | move)), strict=True))
     split = [
         {name: float(increments[mask, k].sum()) for name, mask in parts.items()} for k in range(3)
     ]

@@ -51,17 +51,56 @@ def hermite(sigma: Expr) -> Expr:
     return e_start + sigma * (h * slope_start + sigma * (quadratic + sigma * cubic))
 
 
-def increments() -> Increments:
-    """Return the increments of one step in e_start, e_end, slope_start, slope_end, t_start, h."""
+def increments(*, crossing: bool = True) -> Increments:
+    """Return the increments of one step in e_start, e_end, slope_start, slope_end, t_start, h.
+
+    In shifted Legendre polynomials the cubic is sum_i q_i P_i(2 sigma - 1), and
+
+        int e^2 dt = h sum_i q_i^2/(2 i + 1),  int e dt = h q_0,
+        int t e dt = h (t_start q_0 + h (q_0 + q_1/3)/2).
+
+    Without `crossing` for a step at whose ends the error has one sign: the same values there, and
+    no root to look for.
+    """
     x = Symbol("sigma", real=True)
     cubic = hermite(x)
-    slope = sp.diff(cubic, x)
+    definitions: dict[Symbol, Expr] = {}
+    modes = []
+    for n in range(4):
+        base = sp.legendre(n, 2 * x - 1)
+        mode = (2 * n + 1) * sp.integrate(sp.expand(cubic * base), (x, 0, 1))
+        modes.append(Symbol(f"q_{n}", real=True))
+        definitions[modes[n]] = _grouped(mode)
+    square = h * sp.Add(*[q**2 / (2 * n + 1) for n, q in enumerate(modes)])
+    area_whole, moment_whole = Symbol("area_whole", real=True), Symbol("moment_whole", real=True)
+    definitions[area_whole] = h * modes[0]
+    definitions[moment_whole] = h * (t_start * modes[0] + h * (modes[0] / 2 + modes[1] / 6))
+    if not crossing:
+        return Increments(definitions, square, sp.Abs(area_whole), sp.Abs(moment_whole))
+    split = _sign_change(x, definitions)
     area = sp.horner(sp.integrate(sp.expand(h * cubic), x), wrt=x)
     moment = sp.horner(sp.integrate(sp.expand(h * (t_start + h * x) * cubic), x), wrt=x)
+    parts = []
+    for name, primitive, whole in (("area", area, area_whole), ("moment", moment, moment_whole)):
+        first = Symbol(f"{name}_first", real=True)
+        one_sign = (whole, split >= 1)
+        definitions[first] = sp.Piecewise(one_sign, (primitive.subs(x, split), True))
+        parts.append(sp.Abs(first) + sp.Abs(whole - first))
+    return Increments(definitions, square, *parts)
 
+
+def _grouped(mode: Expr) -> Expr:
+    """Return a combination of values and slopes with common factors of the slopes."""
+    slopes = h * (mode.coeff(h * slope_start) * slope_start + mode.coeff(h * slope_end) * slope_end)
+    return mode.coeff(e_start) * e_start + mode.coeff(e_end) * e_end + slopes
+
+
+def _sign_change(x: Symbol, definitions: dict[Symbol, Expr]) -> Symbol:
+    """Define the root of the cubic where the ends differ in sign, 1 where they do not."""
+    slope = sp.diff(hermite(x), x)
     change = e_start - e_end
     root = Symbol("root_0", real=True)
-    definitions: dict[Symbol, Expr] = {root: e_start * change / (change**2 + _TINY)}
+    definitions[root] = e_start * change / (change**2 + _TINY)
     for n in (1, 2):
         rise = Symbol(f"rise_{n}", real=True)
         definitions[rise] = slope.subs(x, root)
@@ -70,13 +109,4 @@ def increments() -> Increments:
         definitions[root] = sp.Min(sp.Max(newton, 0), 1)
     split = Symbol("split", real=True)
     definitions[split] = sp.Piecewise((root, e_start * e_end < 0), (sp.Integer(1), True))
-
-    def absolute(name: str, primitive: Expr) -> Expr:
-        first, whole = Symbol(f"{name}_first", real=True), Symbol(f"{name}_whole", real=True)
-        definitions[first] = primitive.subs(x, split)
-        definitions[whole] = primitive.subs(x, 1)
-        return sp.Abs(first) + sp.Abs(whole - first)
-
-    square = sp.integrate(sp.expand(cubic**2), (x, 0, 1))
-    iae, itae = absolute("area", area), absolute("moment", moment)
-    return Increments(definitions, ise=h * sp.expand(square), iae=iae, itae=itae)
+    return split

@@ -29,7 +29,7 @@ from maglev_design.simulate import (
     mirrored,
     nominal_scenario,
     pole_tangent,
-    simulate,
+    simulate_batch,
 )
 
 Array = NDArray[np.float64]
@@ -361,20 +361,20 @@ def run(
     if gradients:
         graph = problem.tangent_runs
         tangent = pole_tangent(graph, design, problem.directions)
-        response = simulate(graph, design, scenario, tangent, clamped=clamped)
+        (found,) = simulate_batch(graph, [design], [scenario], [tangent], clamped=clamped)
         back = np.linalg.pinv(problem.directions)
-        slopes = {name: back.T @ rows for name, rows in response.gradients.items()}
+        slopes = {name: back.T @ rows for name, rows in found.gradients.items()}
     else:
-        response = simulate(problem.runs, design, scenario, clamped=clamped)
+        (found,) = simulate_batch(problem.runs, [design], [scenario], clamped=clamped)
     key = problem.objective.key
     return Run(
-        value=float(getattr(response.metrics, key)),
+        value=float(getattr(found.metrics, key)),
         gradient=slopes.get(key, np.zeros(4)),
         constraints=(
-            *_gap_constraints(problem, response.metrics, slopes),
-            *_voltage_constraints(problem, response.metrics, slopes),
+            *_gap_constraints(problem, found.metrics, slopes),
+            *_voltage_constraints(problem, found.metrics, slopes),
         ),
-        metrics=response.metrics,
+        metrics=found.metrics,
     )
 
 

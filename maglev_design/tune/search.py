@@ -44,6 +44,8 @@ MOST_ITERATIONS, MOST_ROUGH_ITERATIONS = 25, 8
 """Of the local solver; the second where a pattern search follows."""
 PATTERN_START, PATTERN_END = 0.02, 2e-4
 """Relative steps of the pattern search that finishes where the objective is not smooth."""
+EQUAL = 1e-9
+"""Relative difference below which two objectives are one: above rounding, below any cause."""
 WORSE = 1e-4
 """Relative excess by which a ratio must be worse to join the active set."""
 LOOK_BEYOND = math.log(1.5)
@@ -173,10 +175,18 @@ def explore(search: Search) -> Landscape:
 
 
 def _keep(search: Search, poles: PoleSpec, value: float, limits: Sequence[Constraint]) -> None:
-    """Remember a grid point that is feasible and the best so far."""
+    """Remember a grid point that is feasible in every case and the best so far."""
+    problem = search.problem
     if min(c.slack for c in limits) < 0 or (search.best and value >= search.best.value):
         return
-    refined = [*linear_constraints(search.problem, poles), *limits]
+    others = itertools.product(problem.cases[1:], end_ratios(problem))
+    runs = [run(problem, poles, *pair) for pair in others]
+    search.evaluations += len(runs)
+    value = max([value, *(r.value for r in runs)])
+    limits = [*limits, *itertools.chain(*(r.constraints for r in runs))]
+    if search.best and value >= search.best.value:
+        return
+    refined = [*linear_constraints(problem, poles), *limits]
     tightest = min(refined, key=lambda c: c.slack)
     if tightest.slack >= 0:
         x = np.log(poles.values if search.problem.distinct else poles.first)
@@ -308,18 +318,24 @@ def worst_ratio(search: Search, x: Array, case: Case) -> tuple[float, Run]:
     """Return the ratio of the interval at which the objective is largest, and the run there."""
     low, high = search.problem.family.ratios
     ratios = [float(r) for r in np.linspace(low, high, SCAN)] if high > low else [low]
-    values = [search.run(x, (case, ratio)).value for ratio in ratios]
+    values = np.array([search.run(x, (case, ratio)).value for ratio in ratios])
     top = int(np.argmax(values))
-    if 0 < top < len(ratios) - 1:
+    worst = ratios[top], float(values[top])
+    # where the objective does not depend on the ratio rounding picks the top: both ends of the
+    # plateau are refined, because the actuator's limit may begin to act just beyond one
+    plateau = np.flatnonzero(values >= values[top] * (1 - EQUAL))
+    for edge in sorted({int(plateau[0]), int(plateau[-1])}):
+        if not 0 < edge < len(ratios) - 1:
+            continue
         finer = minimize_scalar(
             lambda r: -search.run(x, (case, float(r))).value,
-            bounds=(ratios[top - 1], ratios[top + 1]),
+            bounds=(ratios[edge - 1], ratios[edge + 1]),
             method="bounded",
             options={"xatol": 1e-4 * (high - low)},
         )
-        if -finer.fun > values[top]:
-            return float(finer.x), search.run(x, (case, float(finer.x)))
-    return ratios[top], search.run(x, (case, ratios[top]))
+        if -finer.fun > worst[1] * (1 + EQUAL):
+            worst = float(finer.x), -float(finer.fun)
+    return worst[0], search.run(x, (case, worst[0]))
 
 
 def exchange(search: Search, starts: Sequence[Array]) -> Candidate:

@@ -1,0 +1,313 @@
+"""``sweep``."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from maglev_design import sweep as sweeps
+from maglev_design.choices import (
+    CONTROLLERS,
+    DEFAULT_PRESET,
+    Backend,
+    Controller,
+    Equilibrium,
+    Method,
+)
+from maglev_design.cli.output import number, print_json, progress_bar, say, table, warn
+from maglev_design.design import PAPER_POLES, Design, PoleSpec, check_path_voltage, make_design
+from maglev_design.errors import InputError, nearest
+from maglev_design.files import output_folder, write_bytes
+from maglev_design.parameters import DRAWN, Rig, load_rig
+from maglev_design.record import DesignRecord, finite, load
+from maglev_design.simulate import cores
+
+INTERRUPTED = 130
+RESULT = "sweep.json"
+OF_CONTROLLER = ("plant", "operating_point", "sampling", "limits")
+"""Sections of a rig that a design is computed from."""
+SHOWN = (0.05, 0.5, 0.95, 0.99, 1.0)
+UNITS = {
+    "itae": "m s²",
+    "iae": "m s",
+    "ise": "m² s",
+    "peak_voltage": "V",
+    "min_voltage": "V",
+    "peak_applied": "V",
+    "min_gap": "m",
+    "max_gap": "m",
+    "final_error": "m",
+    "total_variation": "V",
+}
+MOST_ROWS = 5
+
+
+@dataclass(frozen=True)
+class Request:
+    """What was asked for on the command line; None where nothing was said."""
+
+    rig: str | None
+    designs: tuple[Path, ...]
+    controllers: tuple[str, ...]
+    zeta: float | None
+    omega_n: float | None
+    equilibrium: Equilibrium | None
+    method: Method | None
+    samples: int
+    sampling: sweeps.Sampling
+    noise: bool | None
+    seed: int
+    chunk: int | None
+    jobs: int | None
+    scheduler: str | None
+    backend: Backend
+
+
+def sweep(request: Request, output: Path, *, force: bool, as_json: bool) -> None:
+    """Compute what is missing, print, save."""
+    rig, designs = _rig_and_designs(request)
+    check_path_voltage(rig)
+    setup = sweeps.make_setup(
+        rig,
+        designs,
+        samples=request.samples,
+        seed=request.seed,
+        sampling=request.sampling,
+        chunk=request.chunk,
+        noise=request.noise,
+        backend=request.backend,
+    )
+    runner = _runner(request)
+    folder = output_folder(output, force=force)
+    for text in _warnings(setup):
+        warn(text)
+    result, kept = None, 0
+    with progress_bar() as progress:
+        meter = _Meter(setup, progress)
+        try:
+            result = sweeps.sweep(setup, folder, runner, force=force, told=meter.told)
+        except KeyboardInterrupt:
+            kept = meter.kept
+    if result is None:  # outside the handler, so that no interrupt is behind the exit
+        say(
+            f"interrupted: {kept} of {setup.chunks} chunks are kept in {output}; the same command "
+            "continues"
+        )
+        sys.exit(INTERRUPTED)
+    document = finite(result.as_dict())
+    text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    write_bytes(folder / RESULT, text.encode())
+    if as_json:
+        print_json(document)
+    else:
+        _print(document)
+    say(meter.summary())
+    say(f"written: {folder / RESULT}")
+
+
+class _Meter:
+    """How fast it goes and how long it will take, from the loops of this run."""
+
+    def __init__(self, setup: sweeps.Setup, progress: Any) -> None:
+        self._setup, self._progress = setup, progress
+        self._begun = time.monotonic()
+        self._done = self._wanted = self._found = 0
+
+    def told(self, done: int, wanted: int, found: int) -> None:
+        self._done, self._wanted, self._found = done, wanted, found
+        share = (found + done) / max(1, found + wanted)
+        left = "" if not done else f", {_clock((wanted - done) * self._spent() / done)} left"
+        self._progress(f"{self._rate():,.0f} loops/s{left}" if done else "starting", share)
+
+    @property
+    def kept(self) -> int:
+        return self._found + self._done
+
+    def summary(self) -> str:
+        if not self._done:
+            return f"every one of the {self._found} chunks was there already"
+        rest = f", {self._found} chunks were there already" if self._found else ""
+        return (
+            f"{self._loops()} loops in {_clock(self._spent())}, {self._rate():,.0f} a second{rest}"
+        )
+
+    def _loops(self) -> int:
+        setup = self._setup
+        return min(self._done * setup.chunk, setup.samples) * len(setup.designs)
+
+    def _spent(self) -> float:
+        return time.monotonic() - self._begun
+
+    def _rate(self) -> float:
+        return self._loops() / max(self._spent(), 1e-9)
+
+
+def _clock(seconds: float) -> str:
+    """Return a duration as people say it."""
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
+
+
+def _runner(request: Request) -> sweeps.Runner:
+    if request.scheduler is not None:
+        if request.jobs is not None:
+            raise InputError("--jobs: not with --scheduler, whose workers are what they are")
+        return sweeps.on_cluster(request.scheduler)
+    if request.jobs is None:
+        return partial(sweeps.locally, cores=cores())
+    if request.jobs == 1:
+        return sweeps.in_process
+    return partial(sweeps.in_processes, jobs=request.jobs)
+
+
+def _rig_and_designs(request: Request) -> tuple[Rig, tuple[Design, ...]]:
+    """Return the rig whose scenarios are drawn, and every controller that runs them."""
+    made = bool(request.controllers) or not request.designs
+    if not made:
+        for name in ("zeta", "omega_n", "equilibrium", "method"):
+            if getattr(request, name) is not None:
+                raise InputError(
+                    f"--{name.replace('_', '-')}: belongs to --controller; what a saved design is "
+                    "stands in its file"
+                )
+    records = [load(path) for path in request.designs]
+    if request.rig is not None or not records:
+        rig = load_rig(request.rig or DEFAULT_PRESET)
+    else:
+        rig = records[0].rig
+    for path, record in zip(request.designs, records, strict=True):
+        _same_rig(path, record, rig, named=request.rig is not None)
+    designs = [record.design for record in records]
+    if made:
+        zeta, omega_n = PAPER_POLES
+        poles = PoleSpec.double(
+            zeta if request.zeta is None else request.zeta,
+            omega_n if request.omega_n is None else request.omega_n,
+        )
+        designs += [
+            make_design(
+                rig,
+                poles,
+                controller=_controller(name),
+                equilibrium=request.equilibrium or "model",
+                method=request.method,
+            )
+            for name in request.controllers or ("tan-gpi",)
+        ]
+    return rig, tuple(designs)
+
+
+def _controller(word: str) -> Controller:
+    name = next((name for name in CONTROLLERS if name == word), None)
+    if name is None:
+        raise InputError(
+            f"--controller {word!r}: must be one of {', '.join(CONTROLLERS)}"
+            + nearest(word, CONTROLLERS)
+        )
+    return Controller(name)
+
+
+def _same_rig(path: Path, record: DesignRecord, rig: Rig, *, named: bool) -> None:
+    """Refuse a design that was made for another plant, or whose scenarios are not the same."""
+    own, other = record.rig.model_dump(), rig.model_dump()
+    sections = [name for name in own if name not in ("name", "source", "notes")]
+    for section in OF_CONTROLLER if named else sections:
+        for field, value in own[section].items():
+            if value == other[section][field]:
+                continue
+            remedy = (
+                "tune again for this rig"
+                if section in OF_CONTROLLER
+                else "say with --rig which rig's scenarios are meant"
+            )
+            raise InputError(
+                f"{path}: made for a rig with {section}.{field} = {value!r}, not "
+                f"{other[section][field]!r}; {remedy}"
+            )
+
+
+def _warnings(setup: sweeps.Setup) -> list[str]:
+    """Return what a person must know before the sweep is worth its time."""
+    rig, found = setup.rig, []
+    spreads = sweeps.drawn_spreads(rig)
+    if not spreads:
+        found.append(
+            "the rig states no uncertainty: all scenarios are "
+            + ("alike but for the noise" if setup.noise else "one and the same")
+            + "; give it an [uncertainty] table"
+        )
+    if sweeps.beta_is_computed(rig) and rig.uncertainty.beta:
+        found.append(
+            f"uncertainty.beta = {rig.uncertainty.beta:g} is not used: the plant's beta follows "
+            "from what is drawn for mass, current_gain and force_constant"
+        )
+    sections = {"PlantParameters": rig.plant, "InitialState": rig.initial, "Noise": rig.noise}
+    for name, spread in rig.uncertainty.spreads.items():
+        model, field = DRAWN[name]
+        value, (low, high) = getattr(sections[model.__name__], field), spread.reach
+        if model.__name__ == "PlantParameters" and not low <= value <= high:
+            found.append(
+                f"uncertainty.{name}: {low:g} to {high:g} does not hold the rig's own {value:g}, "
+                "which the controller has"
+            )
+    if not setup.noise and {"input_noise", "position_noise"} & set(spreads):
+        found.append("--no-noise: what is drawn for input_noise and position_noise does nothing")
+    if setup.sampling == "sobol" and setup.samples & (setup.samples - 1):
+        found.append("a Sobol sequence is balanced only when --samples is a power of 2")
+    return found
+
+
+def _print(document: dict[str, Any]) -> None:
+    setup = document["setup"]
+    drawn = ", ".join(document["drawn"]) or "nothing"
+    sys.stdout.write(
+        f"{setup['samples']} scenarios, {setup['sampling']}, seed {setup['seed']}, "
+        f"noise {'on' if setup['noise'] else 'off'}; drawn: {drawn}; plant's beta from "
+        f"{document['beta_from']}\n\n"
+    )
+    for position, design in enumerate(document["designs"]):
+        _print_design(position, design)
+
+
+def _print_design(position: int, design: dict[str, Any]) -> None:
+    (zeta, omega_n), *_ = design["poles"]
+    name = design["controller"]
+    title = f"{position}: {name}, zeta = {zeta:.4g}, omega_n = {omega_n:.4g} rad/s"
+    rows = [
+        (
+            f"{key} [{unit}]",
+            *[number(design["quantiles"][key][f"{p:g}"]) for p in SHOWN],
+        )
+        for key, unit in UNITS.items()
+    ]
+    low, high = design["stable_fraction_interval"]
+    table(title, ("quantile", *[f"{100 * p:g} %" for p in SHOWN]), rows)
+    sys.stdout.write(
+        f"The ball levitates to the end in {100 * design['stable_fraction']:.6g} % of the "
+        f"scenarios (95 % interval {100 * low:.4g} % to {100 * high:.4g} %, for independent "
+        "draws).\n\n"
+    )
+    worst = design["worst"][:MOST_ROWS]
+    names = list(worst[0]["drawn"])
+    table(
+        "Worst scenarios; run one again with simulate --replay "
+        f"{RESULT}:SCENARIO{f':{position}' if position else ''}",
+        ("scenario", "ball", "ITAE", *names),
+        [
+            (
+                str(one["scenario"]),
+                one["crash"]["where"] if one["crash"] else "levitated",
+                number(one["itae"], UNITS["itae"]),
+                *[number(one["drawn"][name], "", 6) for name in names],
+            )
+            for one in worst
+        ],
+        words=2,
+    )

@@ -1,0 +1,272 @@
+"""One chunk of scenarios: from its number to the figures of every loop.
+
+The compiled back end gets whole matrices, made from one reference vector: only what differs between
+scenarios is written over it. The interpreted one gets one :class:`Scenario` after the other.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maglev_design import design as designs
+from maglev_design.design import Believed, Design
+from maglev_design.errors import InputError
+from maglev_design.parameters import DRAWN, Rig
+from maglev_design.simulate import LoopGraph, Scenario, Summary, compiled, loop_for, simulate_batch
+from maglev_design.simulate.batch import first_noise
+from maglev_design.simulate.response import parameter_vector, start_state
+from maglev_design.sweep.draws import draw, plant_betas
+from maglev_design.sweep.setup import Setup
+
+Array = NDArray[np.float64]
+
+FIGURES = (
+    "ise",
+    "iae",
+    "itae",
+    "peak_voltage",
+    "min_voltage",
+    "peak_applied",
+    "min_gap",
+    "max_gap",
+    "final_error",
+    "total_variation",
+    "crash_time",
+)
+"""Of one loop, SI units; ``crash_time`` is nan where the ball levitates to the end."""
+
+_ONE_AT_A_TIME = threading.Lock()
+"""CasADi's functions are not made for several threads, which a Dask worker may have."""
+
+
+@dataclass(frozen=True)
+class Plants:
+    """The scenarios of a chunk, one element each.
+
+    Attributes
+    ----------
+    first : int
+        Number of the first.
+    drawn : mapping of str to array
+        What was drawn, by name.
+    values : mapping of str to array
+        All that a :class:`Scenario` needs: beta_plant, gravity, gap_offset, initial_gap,
+        initial_velocity, input_noise and position_noise.
+    """
+
+    first: int
+    drawn: dict[str, Array]
+    values: dict[str, Array]
+
+    @property
+    def count(self) -> int:
+        """How many."""
+        return len(self.values["beta_plant"])
+
+
+def plants(setup: Setup, first: int, count: int) -> Plants:
+    """Return the scenarios first, ..., first + count - 1."""
+    rig = setup.rig
+    drawn = draw(rig, setup.sampling, setup.seed, setup.samples, first, count)
+    return plants_of(rig, first, count, drawn)
+
+
+def plants_of(rig: Rig, first: int, count: int, drawn: dict[str, Array]) -> Plants:
+    """Return scenarios with given drawn values; what was not drawn is the rig's."""
+    sections = {"PlantParameters": rig.plant, "InitialState": rig.initial, "Noise": rig.noise}
+    own = {
+        name: getattr(sections[model.__name__], field)
+        for name, (model, field) in DRAWN.items()
+        if name in _SCENARIO
+    }
+    values = own | {name: drawn[name] for name in _SCENARIO if name in drawn}
+    values["beta_plant"] = plant_betas(rig, drawn)
+    return Plants(first, drawn, {k: np.broadcast_to(v, count) for k, v in values.items()})
+
+
+_SCENARIO = (
+    "gravity",
+    "gap_offset",
+    "initial_gap",
+    "initial_velocity",
+    "input_noise",
+    "position_noise",
+)
+
+
+def scenario(setup: Setup, drawn: Plants, n: int) -> Scenario:
+    """Return element `n` as the simulator takes it."""
+    numbers = {name: float(column[n]) for name, column in drawn.values.items()}
+    return Scenario(noise=setup.noise, seed=setup.seed, index=drawn.first + n, **numbers)
+
+
+def beliefs(rig: Rig, design: Design, drawn: Plants) -> dict[str, Array]:
+    """Return what the controller learns from each plant, by name: nothing, or U and what follows.
+
+    The readings ``appendix-a`` and ``measured`` take the true equilibrium voltage of the plant,
+    unless the rig states it; then the believed coefficients and the difference equation move.
+    """
+    if design.equilibrium == "model" or rig.operating_point.voltage is not None:
+        return {}
+    own, plant = drawn.values, rig.plant
+    voltage, _, _ = designs.plant_program().numpy()(
+        own["gravity"], own["beta_plant"], own["gap_offset"], design.Y
+    )
+    names = ("U", "C_U_hat", "C_Y_hat", "beta_c")
+    learnt = designs.believed_program(design.equilibrium).numpy()(
+        plant.gravity, designs.plant_beta(rig), design.Y, plant.gap_offset, voltage
+    )
+    moved = dict(zip(names, learnt, strict=True))
+    known: dict[str, Any] = designs.coefficient_inputs(rig, design.believed) | design.named_gains
+    known |= moved
+    program = designs.coefficients_program(design.method, design.controller)
+    numbers = program.numpy()(*[known[name] for name in program.inputs])
+    moved |= dict(zip(program.outputs, numbers, strict=True))
+    return {name: np.broadcast_to(column, drawn.count) for name, column in moved.items()}
+
+
+def design_for(design: Design, learnt: dict[str, Array], n: int) -> Design:
+    """Return the controller as it runs in element `n`."""
+    if not learnt:
+        return design
+    numbers = {name: float(column[n]) for name, column in learnt.items()}
+    first = [numbers.pop(name) for name in ("U", "C_U_hat", "C_Y_hat", "beta_c")]
+    return replace(design, believed=Believed(*first), coefficients=numbers)
+
+
+@lru_cache(maxsize=8)
+def _loops(setup: Setup) -> tuple[LoopGraph, ...]:
+    return tuple(loop_for(setup.rig, design) for design in setup.designs)
+
+
+def run_chunk(setup: Setup, number: int, threads: int = 1) -> dict[str, Array]:
+    """Return what a chunk file holds: ``drawn_NAME`` and ``DESIGN_FIGURE`` (``0_itae``).
+
+    Raises
+    ------
+    InputError
+        When the compiled back end was promised and there is no compiler here.
+    """
+    drawn = plants(setup, *setup.span(number))
+    with _ONE_AT_A_TIME:
+        loops = _loops(setup)
+    arrays = {f"drawn_{name}": column for name, column in drawn.drawn.items()}
+    for position, (loop, design) in enumerate(zip(loops, setup.designs, strict=True)):
+        figures = run_loops(setup, loop, design, drawn, threads)
+        arrays |= {f"{position}_{name}": column for name, column in figures.items()}
+    return arrays
+
+
+def run_loops(
+    setup: Setup, loop: LoopGraph, design: Design, drawn: Plants, threads: int
+) -> dict[str, Array]:
+    """Return the figures of one design in every scenario of a chunk, by name."""
+    learnt = beliefs(setup.rig, design, drawn)
+    if setup.backend != "compiled":
+        with _ONE_AT_A_TIME:
+            return _interpreted(setup, loop, design, drawn, learnt)
+    with _ONE_AT_A_TIME:
+        kernel = compiled.kernel(loop)
+    if kernel is None:
+        raise InputError(
+            "backend = 'compiled': no C compiler that works was found here; set CC or install gcc "
+            "(on every worker), or use --backend interpreted"
+        )
+    own, size = drawn.values, drawn.count
+    stream = np.empty((size, 2), dtype=np.uint32)
+    stream[:, 0] = setup.seed
+    stream[:, 1] = np.arange(drawn.first, drawn.first + size)
+    deviation = np.stack([own["input_noise"], own["position_noise"]], axis=1)
+    rows, _ = compiled.run(
+        loop,
+        kernel,
+        _states(setup, loop, design, drawn, learnt),
+        _parameters(setup, loop, design, drawn, learnt),
+        stream,
+        deviation if setup.noise else np.zeros_like(deviation),
+        noisy=setup.noise,
+        threads=threads,
+    )
+    return _figures(loop, rows)
+
+
+def _interpreted(
+    setup: Setup, loop: LoopGraph, design: Design, drawn: Plants, learnt: dict[str, Array]
+) -> dict[str, Array]:
+    each = range(drawn.count)
+    found = simulate_batch(
+        loop,
+        [design_for(design, learnt, n) for n in each],
+        [scenario(setup, drawn, n) for n in each],
+        backend="interpreted",
+    )
+    rows = np.array([[of_summary(summary)[name] for name in FIGURES] for summary in found])
+    return dict(zip(FIGURES, np.ascontiguousarray(rows.T), strict=True))
+
+
+def of_summary(summary: Summary) -> dict[str, float]:
+    """Return the figures of one loop by name."""
+    metrics = summary.metrics
+    crash = metrics.crash
+    other = {
+        "total_variation": summary.total_variation,
+        "crash_time": np.nan if crash is None else crash.time,
+    }
+    return {name: other[name] if name in other else getattr(metrics, name) for name in FIGURES}
+
+
+def _parameters(
+    setup: Setup, loop: LoopGraph, design: Design, drawn: Plants, learnt: dict[str, Array]
+) -> Array:
+    """Return the parameters of every loop, one row each."""
+    reference = parameter_vector(loop, design, scenario(setup, drawn, 0))
+    rows = np.tile(reference, (drawn.count, 1))
+    own = drawn.values
+    moving = {"beta": own["beta_plant"], "g": own["gravity"], "y0": own["gap_offset"], **learnt}
+    for name, column in moving.items():
+        if name in loop.parameter_names:
+            rows[:, loop.parameter_names.index(name)] = column
+    return rows
+
+
+def _states(
+    setup: Setup, loop: LoopGraph, design: Design, drawn: Plants, learnt: dict[str, Array]
+) -> Array:
+    """Return the first state of every loop, one row each.
+
+    Where the controller's own start depends on the scenario (a bumpless start on the first sample,
+    a voltage held before it) each is asked for alone, which is slower.
+    """
+    held = any(name.startswith("held") for name in loop.state_names)
+    if design.controller.start == "bumpless" or (learnt and held):
+        rows = []
+        for n in range(drawn.count):
+            one = scenario(setup, drawn, n)
+            own = design_for(design, learnt, n)
+            rows.append(start_state(loop, own, one, first_noise(loop, one)))
+        return np.array(rows)
+    states = np.tile(start_state(loop, design, scenario(setup, drawn, 0)), (drawn.count, 1))
+    states[:, loop.state_names.index("y")] = drawn.values["initial_gap"]
+    states[:, loop.state_names.index("v")] = drawn.values["initial_velocity"]
+    return states
+
+
+def _figures(loop: LoopGraph, rows: Array) -> dict[str, Array]:
+    """Return the kernel's figures by name, without an object a loop."""
+    parts = rows[:, : compiled.PARTS].reshape(-1, 3, 3)
+    totals = parts[:, 0] + parts[:, 1] + parts[:, 2]
+    named = {name: rows[:, compiled.PARTS + n] for n, name in enumerate(compiled.SCALARS)}
+    named |= {name: totals[:, n] for n, name in enumerate(("ise", "iae", "itae"))}
+    last = float(designs.reference_path(loop.rig, loop.times[-1:])[0, 0])
+    named["final_error"] = named["last_gap"] - last
+    survived = named["survived"].astype(int)
+    steps = len(loop.times) - 1
+    fell = loop.times[np.minimum(survived, steps)]
+    named["crash_time"] = np.where(survived <= steps, fell, np.nan)
+    return {name: np.ascontiguousarray(named[name]) for name in FIGURES}
