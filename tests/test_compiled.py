@@ -368,7 +368,6 @@ void fill(uint32_t seed, uint32_t index, uint32_t channel, int64_t steps, double
 """
 
 
-@pytest.mark.xfail(reason="FLAGS lets the compiler fuse r2 * a + b: last bits differ", strict=True)
 @pytest.mark.parametrize("lanes", [1, compiled.LANES])
 def test_the_noise_has_the_same_bits(lanes: int, tmp_path: Path) -> None:
     kernel = resource("kernel.c")

@@ -34,8 +34,16 @@ Array = NDArray[np.float64]
 
 LANES = 4
 """Loops in one call of the step: a register of AVX2. gcc takes wider vectors apart."""
-FLAGS = ("-std=gnu11", "-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-w")
-"""No -ffast-math: the noise must have the same bits everywhere. Products and sums may be fused."""
+FLAGS = (
+    "-std=gnu11",
+    "-O3",
+    "-march=native",
+    "-ffp-contract=off",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-w",
+)
+"""No fused products and no -ffast-math: the noise has the same bits in every back end."""
 PARTS = 9
 EXTREMES = ("peak_voltage", "min_voltage", "peak_applied", "min_gap", "max_gap")
 SCALARS = (*EXTREMES, "total_variation", "final_error", "survived", "last_gap")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import platform
 import subprocess
@@ -37,7 +36,7 @@ class Sizes:
     commands: int
     memory: tuple[int, ...]
     tune_runs: int
-    peer: tuple[int, int]
+    peer: int
     sweep: tuple[int, int]
     peers: bool
 
@@ -53,7 +52,7 @@ FULL = Sizes(
     commands=5,
     memory=(0, 2_000, 20_000),
     tune_runs=1,
-    peer=(jobs.RATIOS, 1),
+    peer=5,
     sweep=(8192, 512),
     peers=True,
 )
@@ -68,8 +67,8 @@ QUICK = Sizes(
     commands=1,
     memory=(8,),
     tune_runs=0,
-    peer=(1, 0),
-    sweep=(0, 0),
+    peer=0,
+    sweep=(16, 8),
     peers=False,
 )
 
@@ -145,7 +144,7 @@ def loops(of: Subject, yard: Yardstick, sizes: Sizes) -> Data:
     times = side_by_side({name: job for name, (job, _) in work.items()}, sizes.runs)
     tight = graph(of, continuous=False, refine=16 if sizes.peers else 2)
     exact = simulate(tight, of.design, of.scenario).metrics.itae
-    reference = peers.tight_reference(peers.Problem(of)) if sizes.peers else math.nan
+    reference = peers.tight_reference(peers.Problem(of))
     errors = {
         "yardstick": abs(yard.itae() / reference - 1),
         "continuous": abs(one.itae() / reference - 1),
@@ -163,7 +162,7 @@ def loops(of: Subject, yard: Yardstick, sizes: Sizes) -> Data:
 def precision(of: Subject, yard: Yardstick, sizes: Sizes) -> list[Data]:
     """Return error and processor time of the continuous loop's ITAE, contender by contender."""
     problem = peers.Problem(of)
-    reference = peers.tight_reference(problem) if sizes.peers else yard.itae(8)
+    reference = peers.tight_reference(problem)
     rows: list[Data] = []
 
     def add(name: str, setting: str, value: Callable[[], float], job: Job, each: int = 1) -> None:
@@ -232,8 +231,7 @@ def tune(of: Subject, yard: Yardstick, sizes: Sizes) -> Data:
     before = side_by_side({"y": lambda: [yard.itae() for _ in range(20)]}, 3, wall=True)["y"] / 20
     own = jobs.tuning(of, sizes.tune_runs)
     after = side_by_side({"y": lambda: [yard.itae() for _ in range(20)]}, 3, wall=True)["y"] / 20
-    ratios, iterations = sizes.peer
-    peer = jobs.peer_tuning(of, ratios, iterations) if iterations else None
+    peer = jobs.peer_tuning(of, sizes.peer) if sizes.peer else None
     found: Data = {"own": own, "yardstick": min(before, after), "peer": peer}
     if peer:
         # forward differences by two variables: a loop with its gradient is three loops
@@ -243,12 +241,10 @@ def tune(of: Subject, yard: Yardstick, sizes: Sizes) -> Data:
     return found
 
 
-def sweep(of: Subject, folder: Path, sizes: Sizes) -> Data | None:
-    """Return scenarios a second on one process and on two; None when it was left out."""
+def sweep(of: Subject, folder: Path, sizes: Sizes) -> Data:
+    """Return scenarios a second in this process, on one other and on two."""
     samples, chunk = sizes.sweep
-    if not samples:
-        return None
     return {
-        "whole": jobs.sweeping(of, folder / "sweep", samples, chunk),
-        "steady": jobs.steady(of, samples, chunk),
+        "whole": jobs.sweeping(of, folder / "sweep", samples, chunk, apart=sizes.peers),
+        "steady": jobs.steady(of, samples, chunk) if sizes.peers else None,
     }

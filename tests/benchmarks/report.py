@@ -55,7 +55,7 @@ def targets(found: Data) -> list[Target]:
     times, commands, tune = found["loops"]["seconds"], found["commands"], found["tune"]
     yard, bare = times["yardstick"], commands["python -c pass"]
     own, lanes, peer = tune["own"], times["lanes, sampled"], tune.get("peer_extrapolated")
-    sweep = found["sweep"]
+    rates = found["sweep"]["steady"]
     inside = own["plain_seconds"] + own["carrying_seconds"]
     share, cores = inside / own["solve"], found["machine"]["cores"]
     shares = {
@@ -113,9 +113,9 @@ def targets(found: Data) -> list[Target]:
         Target(
             "sweep on two processes, in one",
             1.8,
-            sweep["steady"]["2 processes"] / sweep["steady"]["1 processes"] if sweep else None,
+            rates["2 processes"] / rates["1 processes"] if rates else None,
             f"{cores} cores are shared with the process that writes the files"
-            if sweep
+            if rates
             else "left out of a quick run",
             at_least=True,
         ),
@@ -124,7 +124,8 @@ def targets(found: Data) -> list[Target]:
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a markdown table."""
-    lines = [head, ["---"] * len(head), *rows]
+    escaped = [[cell.replace("|", "\\|") for cell in row] for row in rows]
+    lines = [head, ["---"] * len(head), *escaped]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
@@ -269,9 +270,9 @@ def _peer(tune: Data) -> str:
     if not peer:
         return "The same with python-control and scipy.optimize was left out of this run."
     return (
-        f"The same job with python-control and scipy.optimize: timed is {peer['iterations']} "
-        f"iteration of SLSQP on the worst ITAE over {peer['ratios']} values of beta (continuous "
-        "loop, rtol 1e-6, differences for gradients), "
+        "The same job with python-control and scipy.optimize: timed is what SLSQP asks for at its "
+        f"first point, the worst ITAE over {peer['ratios']} values of beta and its gradient by "
+        "differences (continuous loop, rtol 1e-6), "
         f"{peer['loops']} loops in {number(peer['seconds'])} s. *Extrapolated*: with the loops of "
         "this package's search, a gradient by two variables being three loops, "
         f"{tune['peer_loops_needed']} loops take {number(tune['peer_extrapolated'])} s, "
@@ -280,11 +281,9 @@ def _peer(tune: Data) -> str:
     )
 
 
-def _sweep(found: Data | None) -> str:
-    if not found:
-        return "Left out of this run."
-    whole, steady = found["whole"], found["steady"]
-    names = ("here", "one process", "two processes")
+def _sweep(found: Data) -> str:
+    whole, steady = found["whole"], found["steady"] or {}
+    names = [name for name in whole if name not in ("samples", "chunk")]
     rows = [[name, number(whole[name])] for name in names]
     rows += [[f"{name}, once they are up", number(rate)] for name, rate in steady.items()]
     return (
