@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -33,6 +33,12 @@ Array = NDArray[np.float64]
 
 SLOWEST = 1e-3
 """Lowest frequency of the search for the peak of |S|, as a share of the Nyquist frequency."""
+FINE, COARSE = (5, 3), (3, 2)
+"""Gaps and ratios of the grids: for one design, and for each point of a box of designs."""
+FINE_FREQUENCIES, COARSE_FREQUENCIES = 160, 60
+"""Frequencies of the first look for the peak of |S|."""
+ZOOMS = 9
+"""Divisions of a neighbourhood by four: the angle is good to 1e-7, the peak to its square."""
 
 
 @dataclass(frozen=True)
@@ -66,9 +72,11 @@ class Family:
     gaps: tuple[float, float]
     ratios: tuple[float, float]
 
-    def corners(self) -> tuple[Family, ...]:
-        """Return the ends of both intervals as families of one point each."""
-        return tuple(Family((gap, gap), (ratio, ratio)) for gap, ratio in self.grid(2, 2).T)
+    def corner_columns(self, gaps: int, ratios: int) -> list[int]:
+        """Return the columns of :meth:`grid` that are corners, each once."""
+        points = self.grid(gaps, ratios)
+        ends = np.isin(points[0], self.gaps) & np.isin(points[1], self.ratios)
+        return [int(n) for n in np.flatnonzero(ends)]
 
     def grid(self, gaps: int, ratios: int) -> Array:
         """Return the points of a grid, shape (2, n): gaps in row 0, ratios in row 1."""
@@ -257,26 +265,97 @@ def _mean_square(numerator: Sequence[Any], denominator: Sequence[Any]) -> Any:
         a = [a[i] - alpha * a[last - i] for i in range(last)]
 
 
-def peak_sensitivity(
-    loop: Loop, poles: Sequence[float], over: Family, *, refine: bool = True
-) -> Extreme:
+def peak_sensitivity(loop: Loop, poles: Sequence[float], over: Family) -> Extreme:
     """Return Ms, the largest |S| over `over` and all frequencies, with its gradient.
 
-    A grid finds the neighbourhood; unless `refine` is False a bounded quasi-Newton search with
-    exact gradients finishes. At an unstable loop |S| is still what it is, but no margin.
+    At an unstable loop |S| is still what it is, but no margin.
     """
-    points = over.grid(5, 3) if refine else over.grid(3, 2)
-    thetas = np.geomspace(SLOWEST * math.pi, math.pi, 160 if refine else 60)
-    grid = np.concatenate(
-        [np.repeat(points, len(thetas), axis=1), np.tile(thetas, points.shape[1])[None]]
+    return peak_sensitivities(loop, poles, over)[0]
+
+
+def peak_sensitivities(loop: Loop, poles: Sequence[float], over: Family) -> tuple[Extreme, ...]:
+    """Return the largest |S| over `over`, then that at each of its corners, with gradients.
+
+    At every point of a grid the frequency of the peak is found first; from the best point a
+    bounded quasi-Newton search over gap, ratio and frequency finishes, unless the point is a
+    local maximum already, as a corner mostly is.
+    """
+    points = over.grid(*FINE)
+    column = np.asarray(poles, dtype=float)[:, None]
+    peaks, thetas = _frequency_peaks(loop, column, points, FINE_FREQUENCIES, ZOOMS)
+    picks = [int(np.argmax(peaks)), *over.corner_columns(*FINE)]
+    where = np.vstack([points, thetas])[:, picks]
+    values, by_poles, moves = loop.sensitivity(poles, *(row[None, :] for row in where))
+    slopes = by_poles.full().reshape(4, -1, order="F")
+    found = [
+        _extreme(value, slope, at, loop.period)
+        for value, slope, at in zip(values.full().ravel(), slopes.T, where.T, strict=True)
+    ]
+    if not _is_local_maximum(over, where[:2, 0], moves.full().ravel()[:2]):
+        best = _climb(loop, poles, over, where[:, 0])
+        value, slope, _ = loop.sensitivity(poles, *best)
+        found[0] = _extreme(float(value), slope.full().ravel(), best, loop.period)
+    return tuple(found)
+
+
+def _extreme(value: float, slope: Array, where: Array, period: float) -> Extreme:
+    gap, ratio, theta = (float(x) for x in where)
+    return Extreme(float(value), gap, ratio, theta / period, np.asarray(slope))
+
+
+def _is_local_maximum(over: Family, where: Array, slopes: Array) -> bool:
+    """Return whether neither gap nor ratio can move uphill inside `over`."""
+    return all(
+        low == high or (x == low and slope <= 0) or (x == high and slope >= 0)
+        for x, slope, (low, high) in zip(where, slopes, (over.gaps, over.ratios), strict=True)
     )
-    values, _, _ = loop.sensitivity(poles, *(row[None, :] for row in grid))
-    best = grid[:, int(np.argmax(values.full()))]
-    if refine:
-        best = _climb(loop, poles, over, best)
-    value, slope, _ = loop.sensitivity(poles, *best)
-    gap, ratio, theta = (float(x) for x in best)
-    return Extreme(float(value), gap, ratio, theta / loop.period, slope.full().ravel())
+
+
+@cache
+def _powers(frequencies: int, degree: int) -> tuple[Array, NDArray[np.complex128]]:
+    """Return k angles theta and, one a row, the powers degree..0 of exp(j theta)."""
+    thetas = np.geomspace(SLOWEST * math.pi, math.pi, frequencies)
+    return thetas, np.exp(1j * np.arange(degree, -1, -1)[:, None] * thetas)
+
+
+def _frequency_peaks(
+    loop: Loop, poles: Array, points: Array, frequencies: int, zooms: int
+) -> tuple[Array, Array]:
+    """Return max |S| over the frequencies and the angle where it is, each of shape (n,).
+
+    Parameters
+    ----------
+    poles : array, shape (4, n) or (4, 1)
+    points : array, shape (2, n)
+        Gaps and ratios.
+    frequencies : int
+        Of the first grid, which must part the peaks.
+    zooms : int
+        Times that the neighbourhood of the best frequency is divided by four.
+    """
+    poles = np.broadcast_to(poles, (4, points.shape[1]))
+    numerator, denominator = (x.full().T for x in loop.open_loop(poles, *points[:, None, :]))
+    closed = denominator.copy()
+    closed[:, denominator.shape[1] - numerator.shape[1] :] += numerator
+    grid, powers = _powers(frequencies, denominator.shape[1] - 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sizes = np.abs(denominator @ powers) / np.abs(closed @ powers)
+    best = np.argmax(sizes, axis=1)
+    rows = np.arange(len(best))
+    peaks, thetas = sizes[rows, best], grid[best]
+    width = math.log(grid[1] / grid[0])
+    exponents = np.arange(denominator.shape[1] - 1, -1, -1)
+    for _ in range(zooms):
+        near = np.minimum(thetas[:, None] * np.exp(width * np.linspace(-1, 1, 9)), math.pi)
+        turned = np.exp(1j * near[:, None, :] * exponents[:, None])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            sizes = np.abs((denominator[:, None, :] @ turned)[:, 0]) / np.abs(
+                (closed[:, None, :] @ turned)[:, 0]
+            )
+        best = np.argmax(sizes, axis=1)
+        peaks, thetas = sizes[rows, best], near[rows, best]
+        width /= 4
+    return peaks, thetas
 
 
 def _climb(loop: Loop, poles: Sequence[float], over: Family, start: Array) -> Array:
@@ -299,13 +378,10 @@ def spectral_radius(loop: Loop, poles: Sequence[float], over: Family) -> Extreme
 
     The gradient is that of the root itself, -(d chi/d p)/(d chi/d z).
     """
-    points = over.grid(5, 3)
-    coefficients, jacobian = loop.characteristic(poles, *(row[None, :] for row in points))
+    points = over.grid(*FINE)
+    coefficients, jacobian = loop.characteristic(poles, *points[:, None, :])
     rows = coefficients.full().T
-    companions = np.zeros((len(rows), rows.shape[1] - 1, rows.shape[1] - 1))
-    companions[:, 0, :] = -rows[:, 1:] / rows[:, :1]
-    companions[:, np.arange(1, rows.shape[1] - 1), np.arange(rows.shape[1] - 2)] = 1.0
-    roots = np.linalg.eigvals(companions)
+    roots = _roots(rows)
     which = int(np.argmax(np.abs(roots).max(axis=1)))
     root = roots[which][int(np.argmax(np.abs(roots[which])))]
     slopes = jacobian.full()[:, 4 * which : 4 * which + 4]
@@ -317,12 +393,34 @@ def spectral_radius(loop: Loop, poles: Sequence[float], over: Family) -> Extreme
     return Extreme(float(abs(root)), float(gap), float(ratio), math.nan, gradient)
 
 
+def _roots(rows: Array) -> NDArray[np.complex128]:
+    """Return the roots of polynomials, one a row, highest power first; shape (n, degree)."""
+    degree = rows.shape[1] - 1
+    companions = np.zeros((len(rows), degree, degree))
+    companions[:, 0, :] = -rows[:, 1:] / rows[:, :1]
+    companions[:, np.arange(1, degree), np.arange(degree - 1)] = 1.0
+    return np.asarray(np.linalg.eigvals(companions), dtype=complex)
+
+
 def noise_voltage(loop: Loop, poles: Sequence[float], over: Family, deviation: float) -> Extreme:
     """Return the largest standard deviation of the voltage that sensor noise makes [V].
 
     White position noise of standard `deviation` [m] at every sample, over a grid of `over`.
     """
-    return _scaled(_largest(loop.noise_gain, poles, over.grid(5, 3)), deviation)
+    return noise_voltages(loop, poles, over, deviation)[0]
+
+
+def noise_voltages(
+    loop: Loop, poles: Sequence[float], over: Family, deviation: float
+) -> tuple[Extreme, ...]:
+    """Return :func:`noise_voltage`, then the same at each corner of `over`."""
+    found = _evaluated(loop.noise_gain, poles, over.grid(*FINE))
+    worst = max(found, key=lambda x: math.inf if math.isnan(x.value) else x.value)
+    corners = [found[n] for n in over.corner_columns(*FINE)]
+    return tuple(
+        replace(x, value=deviation * x.value, gradient=deviation * x.gradient)
+        for x in (worst, *corners)
+    )
 
 
 def hurwitz_margin(loop: Loop, poles: Sequence[float], over: Family) -> Extreme:
@@ -330,23 +428,56 @@ def hurwitz_margin(loop: Loop, poles: Sequence[float], over: Family) -> Extreme:
 
     Positive where the continuous loop is stable, 1 as designed.
     """
-    return _largest(loop.hurwitz, poles, over.grid(9, 5), sign=-1.0)
+    found = _evaluated(loop.hurwitz, poles, over.grid(9, 5))
+    return min(found, key=lambda x: -math.inf if math.isnan(x.value) else x.value)
 
 
-def _largest(
-    function: ca.Function, poles: Sequence[float], points: Array, sign: float = 1.0
-) -> Extreme:
-    values, slopes = function(poles, *(row[None, :] for row in points))
-    numbers = sign * values.full().ravel()
-    which = int(np.argmax(np.where(np.isnan(numbers), np.inf, numbers)))
-    gap, ratio = points[:, which]
-    gradient = slopes.full().reshape(4, -1, order="F")[:, which]
-    return Extreme(
-        float(values.full().ravel()[which]), float(gap), float(ratio), math.nan, gradient
-    )
+def _evaluated(function: ca.Function, poles: Sequence[float], points: Array) -> list[Extreme]:
+    """Return a function's value and gradient at every point."""
+    values, slopes = function(poles, *points[:, None, :])
+    columns = slopes.full().reshape(4, -1, order="F").T
+    return [
+        Extreme(float(value), float(gap), float(ratio), math.nan, slope)
+        for value, slope, (gap, ratio) in zip(values.full().ravel(), columns, points.T, strict=True)
+    ]
 
 
-def _scaled(extreme: Extreme, factor: float) -> Extreme:
-    return Extreme(
-        extreme.value * factor, extreme.gap, extreme.ratio, math.nan, extreme.gradient * factor
+@dataclass(frozen=True)
+class Coarse:
+    """Figures of many pole placements, each at its worst over the family; shape (n,) each.
+
+    Attributes
+    ----------
+    radius, hurwitz, peak, noise : array
+        As :func:`spectral_radius`, :func:`hurwitz_margin`, :func:`peak_sensitivity` and
+        :func:`noise_voltage` per metre [V/m], on a coarser grid and without refinement.
+    """
+
+    radius: Array
+    hurwitz: Array
+    peak: Array
+    noise: Array
+
+
+def coarse_figures(loop: Loop, poles: Array, over: Family) -> Coarse:
+    """Return the figures of n pole placements, the columns of `poles`, for a picture of a box."""
+    points = over.grid(*COARSE)
+    count = points.shape[1]
+    every = np.repeat(poles, count, axis=1)
+    where = np.tile(points, poles.shape[1])
+    row = where[:, None, :]
+    coefficients, _ = loop.characteristic(every, *row)
+    hurwitz, _ = loop.hurwitz(every, *row)
+    noise, _ = loop.noise_gain(every, *row)
+    peaks, _ = _frequency_peaks(loop, every, where, COARSE_FREQUENCIES, 0)
+
+    def worst(values: Array, sign: float = 1.0) -> Array:
+        known = np.where(np.isnan(values), np.inf, sign * values).reshape(-1, count)
+        return np.asarray(sign * known.max(axis=1))
+
+    return Coarse(
+        radius=worst(np.abs(_roots(coefficients.full().T)).max(axis=1)),
+        hurwitz=worst(hurwitz.full().ravel(), -1.0),
+        peak=worst(peaks),
+        noise=worst(noise.full().ravel()),
     )

