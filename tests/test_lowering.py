@@ -161,6 +161,17 @@ def test_every_back_end_gives_the_same_bits(
         assert bits(columns) == bits(expected)
 
 
+def test_a_condition_on_a_piecewise_is_lowered() -> None:
+    a, b, _ = SYMBOLS
+    chosen = sp.Piecewise((sp.Integer(1), a < b), (sp.Integer(-1), True))
+    for condition in (sp.ITE(a < b, a > 0, b > 1), sp.ITE(a < b, a < b, sp.false)):
+        expression = sp.Piecewise((chosen, condition), (sp.Integer(7), True))
+        run = lower(SYMBOLS, {"out": expression}).scalar()
+        for point in [(0.5, 1, 0), (-0.5, 1, 0), (3, 2, 0), (3, 0.5, 0), (-2, -2, 0)]:
+            exact = expression.subs(dict(zip(SYMBOLS, point, strict=True)))
+            assert run(*point) == (float(exact),)
+
+
 @settings(max_examples=PROGRAMS)
 @given(expression=EXPRESSIONS, point=POINTS)
 def test_a_program_computes_its_expression(
