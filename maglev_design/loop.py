@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import casadi as ca
@@ -149,6 +149,7 @@ def _named(**groups: Sequence[Any]) -> dict[str, Any]:
     return {f"{name}{n}": x for name, group in groups.items() for n, x in enumerate(group)}
 
 
+@lru_cache(maxsize=64)
 def build_loop(
     rig: Rig,
     *,

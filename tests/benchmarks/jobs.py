@@ -29,9 +29,9 @@ def counted(name: str, modules: Sequence[Any], tell: Callable[..., None]) -> Ite
     before = [(module, getattr(module, name)) for module in modules if hasattr(module, name)]
 
     def timed(original: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
-        start = time.perf_counter()
+        start = time.process_time()
         found = original(*arguments, **options)
-        tell(time.perf_counter() - start, *arguments)
+        tell(time.process_time() - start, *arguments)
         return found
 
     for module, original in before:
@@ -44,7 +44,7 @@ def counted(name: str, modules: Sequence[Any], tell: Callable[..., None]) -> Ite
 
 
 def tuning(of: Subject, runs: int) -> dict[str, Any]:
-    """Return the least time [s] of a robust tuning in a warm process, in parts, and its loops."""
+    """Return the least processor time [s] of a robust tuning, warm, in parts, and its loops."""
     stated = build_problem(of.rig, scenarios="robust")
     best: dict[str, Any] = {"solve": float("inf")}
     for _ in range(runs + 1):
@@ -59,9 +59,9 @@ def tuning(of: Subject, runs: int) -> dict[str, Any]:
             counted("resimulate", [result], lambda took, *_, into=verifying: into.append(took)),
             counted("simulate_batch", modules, told),
         ):
-            start = time.perf_counter()
+            start = time.process_time()
             found = solve(stated)
-            total = time.perf_counter() - start
+            total = time.process_time() - start
         if not isinstance(found, TuneResult):
             raise TypeError("the paper's rig can be tuned")
         row = {
@@ -100,10 +100,10 @@ def peer_tuning(of: Subject, ratios: int) -> dict[str, Any]:
             values.append(run(TOLERANCE, beta / float(ratio)))
         return 1e5 * max(values)
 
-    start, first = time.perf_counter(), [1.0, 0.7]
+    start, first = time.process_time(), [1.0, 0.7]
     worst(first)
     approx_fprime(first, worst)
-    took = time.perf_counter() - start
+    took = time.process_time() - start
     return {"seconds": took, "loops": next(count), "ratios": ratios}
 
 

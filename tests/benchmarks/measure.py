@@ -227,10 +227,10 @@ def scaling(of: Subject, yard: Yardstick, sizes: Sizes) -> list[Data]:
 
 
 def tune(of: Subject, yard: Yardstick, sizes: Sizes) -> Data:
-    """Return the robust tuning in parts beside the peer's labelled part; wall time."""
-    before = side_by_side({"y": lambda: [yard.itae() for _ in range(20)]}, 3, wall=True)["y"] / 20
+    """Return the robust tuning in parts beside the peer's labelled part; processor time."""
+    before = side_by_side({"y": lambda: [yard.itae() for _ in range(20)]}, 3)["y"] / 20
     own = jobs.tuning(of, sizes.tune_runs)
-    after = side_by_side({"y": lambda: [yard.itae() for _ in range(20)]}, 3, wall=True)["y"] / 20
+    after = side_by_side({"y": lambda: [yard.itae() for _ in range(20)]}, 3)["y"] / 20
     peer = jobs.peer_tuning(of, sizes.peer) if sizes.peer else None
     found: Data = {"own": own, "yardstick": min(before, after), "peer": peer}
     if peer:
