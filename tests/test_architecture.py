@@ -18,6 +18,7 @@ FLOORS = {
     "errors": -1,
     "choices": -1,
     "files": 0,
+    "interrupt": 0,
     "parameters": 0,
     "symbolic": 1,
     "lowering": 2,

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design.errors import InputError
+from maglev_design.interrupt import deferred
 from maglev_design.sweep.scenarios import run_chunk
 from maglev_design.sweep.setup import Setup
 
@@ -48,28 +49,10 @@ def in_process(setup: Setup, numbers: Sequence[int], *, threads: int = 1) -> Don
 
 
 def _here(setup: Setup, number: int, threads: int) -> Arrays:
-    """Compute one chunk; Ctrl-C waits for its end, a second one does not.
-
-    CasADi takes a Ctrl-C that comes while it runs for a failure of its own.
-    """
-    pressed = False
-
-    def note(_signal: int, _frame: object) -> None:
-        nonlocal pressed
-        if pressed:
-            raise KeyboardInterrupt
-        pressed = True
-
-    before = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or before is signal.SIG_IGN:
-        return run_chunk(setup, number, threads)
-    signal.signal(signal.SIGINT, note)
-    try:
+    """Compute one chunk; Ctrl-C waits for its end."""
+    with deferred() as check:
         arrays = run_chunk(setup, number, threads)
-    finally:
-        signal.signal(signal.SIGINT, before)
-    if pressed:
-        raise KeyboardInterrupt
+        check()
     return arrays
 
 

@@ -13,9 +13,9 @@ import numpy as np
 from maglev_design import loop as loops
 from maglev_design.choices import EQUILIBRIA, METHODS, Method
 from maglev_design.design import PAPER_POLES, Design, PoleSpec
+from maglev_design.interrupt import deferred
 from maglev_design.parameters import MOST_DELAYED_PERIODS
 from maglev_design.simulate import Metrics, resimulate
-from maglev_design.tune.interrupt import interruptible
 from maglev_design.tune.problem import (
     Case,
     Constraint,
@@ -248,7 +248,12 @@ def solve(
     one is let go: the design is finished.
     """
     report = progress or (lambda *_: None)
-    with interruptible(report) as checked:
+    with deferred() as check:
+
+        def checked(stage: str, done: float) -> None:
+            check()
+            report(stage, done)
+
         search = Search(problem, checked, clamped=problem.limits.allow_saturation)
         interrupted = False
         try:

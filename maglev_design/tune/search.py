@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
 from maglev_design.design import PoleSpec
-from maglev_design.tune.interrupt import Progress
 from maglev_design.tune.problem import (
     Case,
     Constraint,
@@ -30,6 +29,7 @@ from maglev_design.tune.problem import (
 
 Array = NDArray[np.float64]
 Pair = tuple[Case, float]
+Progress = Callable[[str, float], None]
 
 GRID = 17
 """Points of the first grid along each of zeta and omega_n."""

@@ -1,4 +1,4 @@
-"""Ctrl-C between two simulations, never inside one."""
+"""Ctrl-C between two pieces of work, never inside one."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-Progress = Callable[[str, float], None]
-
 
 @contextmanager
-def interruptible(progress: Progress) -> Iterator[Progress]:
-    """Let Ctrl-C take effect where `progress` is called, and not in the middle of a simulation.
+def deferred() -> Iterator[Callable[[], None]]:
+    """Let Ctrl-C take effect only where the yielded function is called.
 
-    A second Ctrl-C before that takes effect at once.
+    CasADi takes one that comes while it runs for a failure of its own. A second Ctrl-C before the
+    first took effect acts at once. Elsewhere than in the main thread nothing is changed.
     """
     pressed = False
 
@@ -24,19 +23,18 @@ def interruptible(progress: Progress) -> Iterator[Progress]:
             raise KeyboardInterrupt
         pressed = True
 
-    def checked(stage: str, done: float) -> None:
+    def check() -> None:
         nonlocal pressed
         if pressed:
             pressed = False
             raise KeyboardInterrupt
-        progress(stage, done)
 
     before = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or before is signal.SIG_IGN:
-        yield progress
+        yield check
         return
     signal.signal(signal.SIGINT, note)
     try:
-        yield checked
+        yield check
     finally:
         signal.signal(signal.SIGINT, before)
