@@ -171,8 +171,9 @@ def explore(search: Search) -> Landscape:
         for name, values in slacks.items():
             slack.setdefault(name, np.full((GRID, GRID), np.inf))[i] = values
         kept = np.min(list(slacks.values()), axis=0) >= 0
-        for j in sorted(np.flatnonzero(near & kept), key=lambda j: float(objective[i, j])):
-            _keep(search, row[j], float(objective[i, j]))
+        feasible = np.flatnonzero(near & kept)
+        for n in feasible[np.argsort(objective[i, feasible], kind="stable")]:
+            _keep(search, row[n], float(objective[i, n]))
         search.progress("global grid", (i + 1) / GRID)
     landscape = Landscape(zeta, omega_n, objective, slack)
     search.landscape = landscape
