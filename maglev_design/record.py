@@ -29,6 +29,7 @@ from maglev_design.design import PAPER_POLES, Design, PoleSpec, make_design
 from maglev_design.errors import InputError
 from maglev_design.files import write_bytes
 from maglev_design.parameters import Rig, make_rig
+from maglev_design.plain import finite
 from maglev_design.simulate import simulate
 from maglev_design.tune import TuneResult, as_json
 from maglev_design.tune.problem import Case, design_at, scenario_at
@@ -61,21 +62,6 @@ class DesignRecord:
     design: Design
     document: dict[str, Any]
     curves: Curves
-
-
-def finite(value: Any) -> Any:
-    """Return plain data with infinities and nan as None, tuples as lists, numpy as Python."""
-    if isinstance(value, Mapping):
-        return {str(key): finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(item) for item in value]
-    if isinstance(value, np.ndarray):
-        return finite(value.tolist())
-    if isinstance(value, np.generic):
-        return finite(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 def rig_as_data(rig: Rig) -> dict[str, Any]:

@@ -14,7 +14,6 @@ import os
 import platform
 import shutil
 import subprocess
-import sys
 import tempfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -29,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design.simulate.graph import LoopGraph, metrics_program
+from maglev_design.store import cache_folder
 
 Array = NDArray[np.float64]
 
@@ -56,17 +56,6 @@ def compiler() -> str | None:
     wanted = os.environ.get("CC")
     names = [wanted] if wanted else ["cc", "gcc", "clang"]
     return next((path for name in names if (path := shutil.which(name))), None)
-
-
-def cache_folder() -> Path:
-    """Return where compiled loops are kept: ``MAGLEV_DESIGN_CACHE`` or the user's cache."""
-    chosen = os.environ.get("MAGLEV_DESIGN_CACHE")
-    if chosen:
-        return Path(chosen)
-    base = os.environ.get("XDG_CACHE_HOME")
-    if sys.platform == "darwin" and not base:
-        return Path.home() / "Library" / "Caches" / "maglev-design"
-    return (Path(base) if base else Path.home() / ".cache") / "maglev-design"
 
 
 _FORMS: dict[int, str] = {

@@ -13,20 +13,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from sympy import Symbol
 
 from maglev_design import design as designs
 from maglev_design.choices import TAN_GPI, Controller, Method
-from maglev_design.lowering import Program, lower
+from maglev_design.lowering import Program
 from maglev_design.parameters import Emulator, Rig
-from maglev_design.symbolic import laws, metrics, running, stability
-from maglev_design.symbolic import plant as p
+from maglev_design.programs import program
 
 Array = NDArray[np.float64]
 
@@ -103,103 +100,62 @@ class LoopGraph:
     start: tuple[float, float, float]
 
 
-@cache
 def acceleration_program() -> Program:
     """Return the program (g, beta, gap + y0 as y, u) -> acceleration of the plant (4)."""
-    plant = p.magnetic_levitation()
-    return lower((p.g, p.beta, p.y0, p.y, p.u), {"acc": plant.acceleration})
+    return program("acceleration")
 
 
-@cache
 def metrics_program(crossing: bool = True) -> Program:
     """Return the program of one step's increments of ISE, IAE and ITAE.
 
     Without `crossing` for steps at whose ends the error has one sign.
     """
-    steps = metrics.increments(crossing=crossing)
-    inputs = (
-        metrics.e_start,
-        metrics.e_end,
-        metrics.slope_start,
-        metrics.slope_end,
-        metrics.t_start,
-        metrics.h,
-    )
-    outputs = {"ise": steps.ise, "iae": steps.iae, "itae": steps.itae}
-    return lower(inputs, outputs, steps.definitions)
+    return program("metrics", crossing)
 
 
-@cache
 def coil_program() -> Program:
     """Return the program (u_coil, u, L, R) -> rate of u_coil, the coil current over C."""
-    return lower((p.u_coil, p.u, p.L, p.R), {"rate": p.magnetic_levitation().coil_rate})
+    return program("coil")
 
 
-@cache
 def step_program(method: Method, controller: Controller = TAN_GPI) -> Program:
     """Return the sampled law's step: states, signals, Y, U, limits, coefficients -> next states.
 
     The signals are y, y*, y*'' (and y', y*' where the law reads them). Outputs: the next states,
     the commanded and the applied voltage. This program, printed, is the exported controller.
     """
-    equation = designs.equation(method, controller)
-    states = equation.law.states
-    inputs = [*states, *equation.signals, *_FIXED, *equation.coefficients]
-    outputs = {
-        f"{state.name}_next": x for state, x in zip(states, equation.next_states, strict=True)
-    }
-    outputs |= {"commanded": running.commanded, "applied": equation.applied}
-    return lower(inputs, outputs, {running.commanded: equation.commanded})
+    return program("step", method, controller)
 
 
-@cache
 def feedforward_program(method: Method, controller: Controller = TAN_GPI) -> Program:
     """Return the program y*, y*'', Y, U, limits, coefficients -> clamped voltage at w = 0."""
-    equation = designs.equation(method, controller)
-    inputs = [p.y_ref, p.acc_ref, *_FIXED, *equation.coefficients]
-    return lower(inputs, {"applied": running.clamp(equation.feedforward)})
+    return program("feedforward", method, controller)
 
 
-@cache
 def start_program(controller: Controller = TAN_GPI) -> Program:
     """Return the program signals, Y, gains -> the law's states before the first sample."""
-    law = designs.law(controller)
-    inputs = [*running.signals(law), p.Y, *law.gains]
-    return lower(inputs, {x.name: s for x, s in zip(law.states, law.start, strict=True)})
+    return program("start", controller)
 
 
-@cache
 def continuous_program(controller: Controller = TAN_GPI) -> Program:
     """Return the continuous law: states, signals, Y, U, limits, believed, gains -> rates."""
-    law = designs.law(controller)
-    rates, command = running.continuous_equation(law)
-    own = [x for x in (p.beta_c, p.g, p.y0) if x in (command.free_symbols | rates[0].free_symbols)]
-    inputs: list[Symbol] = [
-        *law.states,
-        *running.signals(law),
-        *_FIXED,
-        p.C_U_hat,
-        p.C_Y_hat,
-        *own,
-        *law.gains,
-    ]
-    outputs = {
-        f"{state.name}_rate": stability.believed(rate)
-        for state, rate in zip(law.states, rates, strict=True)
-    }
-    outputs["commanded"] = running.commanded
-    return lower(inputs, outputs, {running.commanded: stability.believed(command)})
+    return program("continuous", controller)
 
 
-_FIXED = (p.Y, p.U, laws.u_min, laws.u_max)
+SIGNALS = ("y", "v", "y_ref", "v_ref", "acc_ref")
+"""What a law may read at a sample; which of them it does, its programs say."""
+
+
+def signal_names(controller: Controller = TAN_GPI) -> tuple[str, ...]:
+    """Return what a law reads at a sample, in the order of its arguments."""
+    return tuple(name for name in start_program(controller).inputs if name in SIGNALS)
 
 
 def controller_names(method: Method | None, controller: Controller = TAN_GPI) -> tuple[str, ...]:
     """Return the controller's part of the parameter vector, in order."""
-    law = designs.law(controller)
-    program = continuous_program(controller) if method is None else step_program(method, controller)
-    moving = {x.name for x in (*law.states, *running.signals(law))}
-    return tuple(name for name in program.inputs if name not in moving)
+    law = continuous_program(controller) if method is None else step_program(method, controller)
+    moving = {*start_program(controller).outputs, *SIGNALS}
+    return tuple(name for name in law.inputs if name not in moving)
 
 
 def contact_gap(rig: Rig) -> float:
@@ -357,7 +313,7 @@ def _step(
     emulator: Emulator | None,
 ) -> tuple[ca.Function, tuple[str, ...], tuple[str, ...]]:
     """Return one period (state, parameters, inputs, noise) -> (state, voltages)."""
-    own = tuple(state.name for state in designs.law(controller).states)
+    own = start_program(controller).outputs
     held = tuple(f"held_{n}" for n in range(when.held))
     coil = (COIL,) if emulator is not None and emulator.time_constant else ()
     states = ("y", "v", *own, *coil, *held, "alive")
@@ -380,8 +336,7 @@ def _step(
             x = stepper.continuous(x, n)
             track.append((x["y"], x["v"]))
     else:
-        program = step_program(method, controller)
-        *moved, commanded, applied = stepper.read(program, x, 0)
+        *moved, commanded, applied = stepper.read(step_program(method, controller), x, 0)
         applied = stepper.quantised(applied)
         pipeline = [applied, *[x[name] for name in held]]
         for n in range(total):
@@ -415,7 +370,7 @@ class _Stepper:
     own: tuple[str, ...]
     emulator: Emulator | None
 
-    def read(self, program: Program, x: dict[str, Any], node: int) -> list[Any]:
+    def read(self, law: Program, x: dict[str, Any], node: int) -> list[Any]:
         """Run a law's program on what it measures and on the reference at a node."""
         row = self.rows[node, :]
         measured = x["y"] + self.noise[1]
@@ -423,7 +378,7 @@ class _Stepper:
             measured = rounded(measured, self.emulator.sensor_step)
         signals = {"y": measured, "y_ref": row[0], "v_ref": row[1], "acc_ref": row[2]}
         values = {**self.q, **x, **signals}
-        return program.casadi(*[values[name] for name in program.inputs])
+        return law.casadi(*[values[name] for name in law.inputs])
 
     def law(self, x: dict[str, Any], node: int) -> list[Any]:
         """Return the rates of the continuous law's states and the commanded voltage."""
