@@ -58,7 +58,7 @@ def resimulate(rig: Rig, design: designs.Design, scenario: Scenario) -> Check:
     count = math.ceil(round(horizon / period, 9))
     times: Array = np.arange(count, dtype=float) * period
     samples = designs.reference_path(rig, times)
-    noise = np.asarray(noise_samples(rig, scenario, count), dtype=float)
+    noise = noise_samples(rig, scenario, count)
     integrator = _integrator(rig, scenario)
     state = [scenario.initial_gap, scenario.initial_velocity, 0.0, 0.0, 0.0]
     memory, first = _start(rig, design, scenario, float(noise[1, 0]))
