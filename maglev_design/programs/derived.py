@@ -77,9 +77,9 @@ def slope(controller: Controller) -> Program:
 def believed(equilibrium: Equilibrium) -> Program:
     """Return what a controller believes under a reading of the equilibrium."""
     levitation = p.magnetic_levitation()
-    values = believed_coefficients(levitation, linearise(levitation), equilibrium)
+    known = believed_coefficients(levitation, linearise(levitation), equilibrium)
     names = ("U_hat", "C_U_hat", "C_Y_hat", "beta_hat")
-    values = (*values, believed_beta(levitation, equilibrium))
+    values = (*known, believed_beta(levitation, equilibrium))
     return lower((p.g, p.beta_c, p.Y, p.y0, p.U), dict(zip(names, values, strict=True)))
 
 
