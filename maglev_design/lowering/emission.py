@@ -85,6 +85,8 @@ class _Builder:
             return self._fold("and" if x.func is sp.And else "or", _ordered(x.args))
         if x.func is sp.ITE:  # what SymPy makes of a Piecewise inside a condition
             return self.add("where", *[self.emit(part) for part in x.args])
+        if x in (sp.true, sp.false):
+            return self.add("const", constant=float(bool(x)))
         if x.func is sp.Piecewise:
             return self._piecewise(x)
         raise ValueError(f"no lowering for {x.func.__name__} in {x}")
