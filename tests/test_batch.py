@@ -400,7 +400,6 @@ def test_the_trace_is_the_response(method: Method | None, share: float, noise: b
     assert_agree(
         summaries(loop, figures)[0], Summary(response.metrics, total_variation(response), {})
     )
-    assert trace is not None
     (rows,) = trace
     expected = (response.gap[1:], response.velocity[1:], response.commanded, response.applied)
     for column, curve in zip(rows.T, expected, strict=True):

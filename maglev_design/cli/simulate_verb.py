@@ -24,7 +24,7 @@ from maglev_design.errors import InputError
 from maglev_design.files import write_bytes
 from maglev_design.paper.trials import TRIALS
 from maglev_design.parameters import Emulator, Rig, load_rig, make_rig
-from maglev_design.simulate import Response, Scenario, emulated, error_bounds, loop_for
+from maglev_design.simulate import Response, Scenario, emulated, error_bounds, loop_for, respond
 from maglev_design.simulate import simulate as run_loop
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def simulate(request: Request, csv: Path | None, plot: Path | None, *, as_json: 
         return
     rig, design, scenario, ratio, continuous = _set_up(request)
     response, bounds = error_bounds(
-        rig, design, scenario, continuous=continuous, emulate=request.emulate
+        rig, design, scenario, continuous=continuous, emulate=request.emulate, run=respond
     )
     _write(rig, response, ratio, csv, plot)
     if as_json:

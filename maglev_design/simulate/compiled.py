@@ -67,9 +67,9 @@ TANGENTS = ("ise", "iae", "itae", *EXTREMES)
 
 @cache
 def command() -> tuple[str, ...] | None:
-    """Return the C compiler with its own arguments, as ``CC`` has them; None without one.
+    """Return the C compiler and what goes before its arguments; None without one.
 
-    Where ``CC`` is not set: cc, gcc or clang.
+    ``CC`` where it is set (``ccache gcc`` is two words), else cc, gcc or clang.
     """
     wanted = shlex.split(os.environ.get("CC", ""))
     choices = [wanted] if wanted else [["cc"], ["gcc"], ["clang"]]
@@ -255,8 +255,8 @@ def run(
     noisy: bool,
     trace: bool = False,
     threads: int = 1,
-) -> tuple[Array, Array | None]:
-    """Run n loops; return their figures, shape (n, N_FIGURES), and the trace of a single one.
+) -> tuple[Array, Array]:
+    """Run n loops; return their figures, shape (n, N_FIGURES), and their traces.
 
     Parameters
     ----------
@@ -267,7 +267,8 @@ def run(
     deviation : array, shape (n, 2)
         Standard deviations of input and position noise.
     trace : bool
-        Return gap, velocity, commanded and applied voltage after every step, shape (n, steps, 4).
+        Whether gap, velocity, commanded and applied voltage after every step are wanted: shape
+        (n, steps, 4), or (n, 0, 4) where they are not.
     threads : int
         Cores; the result does not depend on it.
     """
@@ -285,10 +286,10 @@ def run(
     arrays = [laned(a) for a in (parameters, first, stream, deviation)]
     size = figures_count(loop.directions)
     figures = _aligned(np.zeros((blocks, size, lanes)))
-    traces = _aligned(np.zeros((blocks, steps, 4, lanes))) if trace else None
+    traces = _aligned(np.zeros((blocks, steps if trace else 0, 4, lanes)))
 
     def work(begin: int, end: int) -> None:
-        pointer = None if traces is None else traces[begin:end].ctypes.data
+        pointer = traces[begin:end].ctypes.data if trace else None
         cut = [a[begin:end] for a in arrays]
         found.run(
             end - begin, steps, inputs, starts, parts, *cut, int(noisy), figures[begin:end], pointer
@@ -301,9 +302,7 @@ def run(
         with ThreadPoolExecutor(len(edges) - 1) as pool:
             list(pool.map(work, edges[:-1].tolist(), edges[1:].tolist()))
     flat = figures.transpose(0, 2, 1).reshape(-1, size)[:count]
-    if traces is None:
-        return flat, None
-    return flat, traces.transpose(0, 3, 1, 2).reshape(-1, steps, 4)[:count]
+    return flat, traces.transpose(0, 3, 1, 2).reshape(blocks * lanes, traces.shape[1], 4)[:count]
 
 
 def _aligned(values: NDArray[Any]) -> NDArray[Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -459,14 +459,17 @@ def error_bounds(
     *,
     continuous: bool = False,
     emulate: bool = False,
+    run: Callable[[graphs.LoopGraph, Design, Scenario], Response] = simulate,
 ) -> tuple[Response, dict[str, float]]:
     """Run a loop and return it with bounds on the relative error of ISE, IAE and ITAE.
 
     The loop is run again with the integration steps halved; the bound is twice the difference,
     where a fourth-order method needs 16/15 (and a kink of the clamp, which lowers the order, two).
+    `run` is what runs a loop: :func:`simulate`, or
+    :func:`maglev_design.simulate.respond`.
     """
     coarse, fine = (
-        simulate(
+        run(
             loop_for(rig, design, continuous=continuous, refine=refine, emulate=emulate),
             design,
             scenario,
