@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -23,9 +22,9 @@ class Counted:
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("MAGLEV_DESIGN_CACHE", str(tmp_path / "cache"))
-    yield tmp_path / "cache"
+    return tmp_path / "cache"
 
 
 def test_a_text_is_made_once_and_alone_in_its_folder(folder: Path) -> None:
@@ -50,7 +49,7 @@ def test_a_damaged_entry_is_made_anew(damage: str, folder: Path) -> None:
                 "cut": whole[:-1],
                 "bit": whole[:-1] + bytes([whole[-1] ^ 1]),
                 "empty": b"",
-                "proof": b"0" + whole[1:],
+                "proof": b"x" + whole[1:],
                 "bytes": digest(b"\xff").encode() + b"\n\xff",
             }[damage]
         )

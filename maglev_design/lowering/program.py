@@ -126,8 +126,8 @@ class Program:
                 r in range(len(operations)) for r in results
             ):
                 raise ValueError("results that are not there")
-        except (TypeError, AttributeError) as error:
-            raise ValueError("not a program") from error
+        except (TypeError, AttributeError, ValueError) as error:
+            raise ValueError(f"not a program: {error}") from error
         return cls(tuple(inputs), tuple(outputs), operations, tuple(results))
 
     def source(self, language: Language) -> list[str]:
