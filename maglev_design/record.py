@@ -17,13 +17,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design import __version__
-from maglev_design.certify import Margins
 from maglev_design.choices import EQUILIBRIA, METHODS, SCHEMA_VERSION
 from maglev_design.design import PAPER_POLES, Design, PoleSpec, make_design
 from maglev_design.errors import InputError
@@ -31,8 +30,10 @@ from maglev_design.files import write_bytes
 from maglev_design.parameters import Rig, make_rig
 from maglev_design.plain import finite
 from maglev_design.simulate import simulate
-from maglev_design.tune import TuneResult, as_json
-from maglev_design.tune.problem import Case, design_at, scenario_at
+
+if TYPE_CHECKING:
+    from maglev_design.certify import Margins
+    from maglev_design.tune import TuneResult
 
 KIND = "maglev-design"
 PACKAGES = ("casadi", "control", "numpy", "scipy", "sympy")
@@ -84,6 +85,8 @@ def rig_from_data(data: Any, origin: str) -> Rig:
 
 def make_record(result: TuneResult, margins: Margins) -> DesignRecord:
     """Return the record of a tuning."""
+    from maglev_design.tune import as_json  # noqa: PLC0415 - not for reading a record back
+
     rig, design = result.problem.rig, result.design
     versions = {name: metadata.version(name) for name in PACKAGES}
     document = {
@@ -114,6 +117,8 @@ def design_as_data(design: Design) -> dict[str, Any]:
 
 def _curves(result: TuneResult) -> dict[str, NDArray[np.float64]]:
     """Return the responses and the landscape behind the plots."""
+    from maglev_design.tune.problem import Case, design_at, scenario_at  # noqa: PLC0415
+
     problem = result.problem
     curves: dict[str, NDArray[np.float64]] = {}
     for label, poles, ratio in (

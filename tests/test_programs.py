@@ -171,6 +171,14 @@ def finished(process: subprocess.Popen[str]) -> tuple[str, list[str]]:
     return out, loaded.split()
 
 
+def test_reading_a_design_back_needs_no_search() -> None:
+    code = "import sys, maglev_design.record; print(*{n.partition('.')[0] for n in sys.modules})"
+    done = subprocess.run(  # noqa: S603 - our own interpreter and text
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert not {"sympy", "casadi", "scipy", "control"} & set(done.stdout.split())
+
+
 def logged_compiler(folder: Path) -> tuple[Path, Path]:
     path, log = folder / "logged-cc", folder / "calls"
     path.write_text(f'#!/bin/sh\necho "$*" >> "{log}"\nexec cc "$@"\n')

@@ -112,7 +112,10 @@ def _machine() -> str:
 
 
 def _asked(words: tuple[str, ...]) -> str:
-    done = subprocess.run(words, capture_output=True, text=True, check=False)  # noqa: S603 - the system's compiler
+    try:
+        done = subprocess.run(words, capture_output=True, text=True, check=False)  # noqa: S603
+    except OSError:
+        return ""  # not a program; compiling will say so
     return done.stdout
 
 
