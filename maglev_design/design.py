@@ -3,32 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
-import sympy as sp
 from numpy.typing import NDArray
 
 from maglev_design.choices import TAN_GPI, Controller, Equilibrium, Method
 from maglev_design.errors import InputError
-from maglev_design.lowering import Program, lower
+from maglev_design.lowering import Program
 from maglev_design.parameters import Rig
-from maglev_design.symbolic import laws, reference, running, stability
-from maglev_design.symbolic import plant as p
-from maglev_design.symbolic.flatness import flat_model
-from maglev_design.symbolic.linearisation import (
-    believed_beta,
-    believed_coefficients,
-    linearise,
-)
+from maglev_design.programs import program
+
+if TYPE_CHECKING:
+    from maglev_design.symbolic.laws import ControlLaw
 
 PAPER_POLES = (1.0, 70.0)
 """zeta_d and omega_nd of sec. 4: the yardstick of every tuning."""
-
-POLE_SYMBOLS = (p.zeta_1, p.omega_1, p.zeta_2, p.omega_2)
 
 
 @dataclass(frozen=True)
@@ -149,118 +142,61 @@ def timing(period: float, delay: float) -> Timing:
     return Timing(int(whole), part, int(whole) + (1 if part > 0 else 0))
 
 
-@cache
-def law(controller: Controller = TAN_GPI) -> laws.ControlLaw:
+def law(controller: Controller = TAN_GPI) -> ControlLaw:
     """Return the law of a controller, derived once a process."""
-    return laws.control_law(controller)
+    from maglev_design.programs.derived import law as derived  # noqa: PLC0415 - imports SymPy
 
-
-@cache
-def equation(method: Method, controller: Controller = TAN_GPI) -> running.DifferenceEquation:
-    """Return the symbolic difference equation of a law under `method`."""
-    return running.difference_equation(law(controller), method)
+    return derived(controller)
 
 
 def gain_names(controller: Controller) -> tuple[str, ...]:
     """Return the names of a law's gains, in the order of ``Design.gains``."""
-    return tuple(gain.name for gain in law(controller).gains)
+    return gains_program(controller).outputs
 
 
-@cache
 def gains_program(controller: Controller = TAN_GPI) -> Program:
     """Return the program (zeta_1, omega_1, zeta_2, omega_2) -> the law's gains."""
-    first, second = (p.zeta_1, p.omega_1), (p.zeta_2, p.omega_2)
-    order = laws.closed_loop_order(controller)
-    if order == 4:
-        desired = laws.pole_pairs_polynomial([first, second])
-    else:
-        desired = laws.pole_pairs_polynomial([first]) * (p.s + p.omega_2)
-    gains = dict(zip(law(controller).gains, laws.match_coefficients(desired, order), strict=False))
-    gains |= {laws.omega_f: sp.Rational(repr(controller.filter)) * p.omega_2}
-    return lower(POLE_SYMBOLS, {gain.name: gains[gain] for gain in law(controller).gains})
+    return program("gains", controller)
 
 
-def _own_constants(expressions: Iterable[sp.Expr]) -> list[sp.Symbol]:
-    """Return which of beta_c, g, Y and y0 a law's coefficients are made of."""
-    used = {symbol for expression in expressions for symbol in expression.free_symbols}
-    return [symbol for symbol in (p.beta_c, p.g, p.Y, p.y0) if symbol in used]
-
-
-@cache
 def coefficients_program(method: Method, controller: Controller = TAN_GPI) -> Program:
     """Return the program (C_U^, C_Y^, [beta_c, g, Y, y0,] T, u_min, u_max, gains) -> coefficients.
 
     What stands in brackets only where the law uses it.
     """
-    coefficients = equation(method, controller).coefficients
-    own = _own_constants(coefficients.values())
-    gains = law(controller).gains
-    inputs = (p.C_U_hat, p.C_Y_hat, *own, p.T, laws.u_min, laws.u_max, *gains)
-    return lower(inputs, {s.name: stability.believed(x) for s, x in coefficients.items()})
+    return program("coefficients", method, controller)
 
 
-@cache
 def slope_program(controller: Controller = TAN_GPI) -> Program:
     """Return the program (u, y_ref, beta_c, y0) -> (slope of the command in w, loop gain^).
 
     The second is the gain C_U times slope that the controller reckons with, in C_U^.
     """
-    own = law(controller)
-    inputs = (p.u, p.y_ref, p.beta_c, p.y0, p.C_U_hat)
-    return lower(inputs, {"slope": own.slope, "loop_gain": stability.believed(own.loop_gain)})
+    return program("slope", controller)
 
 
-@cache
 def believed_program(equilibrium: Equilibrium) -> Program:
     """Return the program (g, beta_c, Y, y0, U) -> (U_hat, C_U_hat, C_Y_hat, beta_hat)."""
-    plant = p.magnetic_levitation()
-    values = believed_coefficients(plant, linearise(plant), equilibrium)
-    names = ("U_hat", "C_U_hat", "C_Y_hat", "beta_hat")
-    outputs = dict(zip(names, (*values, believed_beta(plant, equilibrium)), strict=True))
-    return lower((p.g, p.beta_c, p.Y, p.y0, p.U), outputs)
+    return program("believed", equilibrium)
 
 
-@cache
 def plant_program() -> Program:
     """Return the program (g, beta, y0, y) -> (U, C_U, C_Y) of the true equilibrium at gap y."""
-    plant = p.magnetic_levitation()
-    local = linearise(plant)
-    voltage = plant.equilibrium_voltage.subs(p.Y, p.y)
-    return lower(
-        (p.g, p.beta, p.y0, p.y),
-        {
-            "U": voltage,
-            "C_U": local.C_U_rest.subs(p.U, voltage),
-            "C_Y": local.C_Y_rest.subs(p.Y, p.y),
-        },
-    )
+    return program("plant")
 
 
-@cache
 def beta_program() -> Program:
     """Return the program (m, C, K) -> beta = K C^2/m."""
-    return lower((p.m, p.C, p.K), {"beta": p.magnetic_levitation().beta})
+    return program("beta")
 
 
-@cache
 def _path_voltage_program() -> Program:
-    plant = p.magnetic_levitation()
-    flat = flat_model(plant, linearise(plant))
-    return lower((p.g, p.beta, p.y0, p.y, p.acc), {"u": flat.nonlinear_input})
+    return program("path_voltage")
 
 
-@cache
 def reference_program() -> Program:
     """Return the program (t, start_gap, end_gap, start_time, end_time) -> (y*, y*', y*'')."""
-    gap, velocity, acceleration = reference.rest_to_rest(reference.bezier_step())
-    inputs = (
-        p.t,
-        reference.start_gap,
-        reference.end_gap,
-        reference.start_time,
-        reference.end_time,
-    )
-    return lower(inputs, {"y_ref": gap, "v_ref": velocity, "acc_ref": acceleration})
+    return program("reference")
 
 
 def plant_beta(rig: Rig) -> float:

@@ -17,21 +17,23 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design import __version__
-from maglev_design.certify import Margins
 from maglev_design.choices import EQUILIBRIA, METHODS, SCHEMA_VERSION
 from maglev_design.design import PAPER_POLES, Design, PoleSpec, make_design
 from maglev_design.errors import InputError
 from maglev_design.files import write_bytes
 from maglev_design.parameters import Rig, make_rig
+from maglev_design.plain import finite
 from maglev_design.simulate import simulate
-from maglev_design.tune import TuneResult, as_json
-from maglev_design.tune.problem import Case, design_at, scenario_at
+
+if TYPE_CHECKING:
+    from maglev_design.certify import Margins
+    from maglev_design.tune import TuneResult
 
 KIND = "maglev-design"
 PACKAGES = ("casadi", "control", "numpy", "scipy", "sympy")
@@ -63,21 +65,6 @@ class DesignRecord:
     curves: Curves
 
 
-def finite(value: Any) -> Any:
-    """Return plain data with infinities and nan as None, tuples as lists, numpy as Python."""
-    if isinstance(value, Mapping):
-        return {str(key): finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(item) for item in value]
-    if isinstance(value, np.ndarray):
-        return finite(value.tolist())
-    if isinstance(value, np.generic):
-        return finite(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
 def rig_as_data(rig: Rig) -> dict[str, Any]:
     """Return the rig as JSON data; an unlimited upper bound is None."""
     return dict(finite(rig.model_dump(exclude_none=True)))
@@ -98,6 +85,8 @@ def rig_from_data(data: Any, origin: str) -> Rig:
 
 def make_record(result: TuneResult, margins: Margins) -> DesignRecord:
     """Return the record of a tuning."""
+    from maglev_design.tune import as_json  # noqa: PLC0415 - not for reading a record back
+
     rig, design = result.problem.rig, result.design
     versions = {name: metadata.version(name) for name in PACKAGES}
     document = {
@@ -128,6 +117,8 @@ def design_as_data(design: Design) -> dict[str, Any]:
 
 def _curves(result: TuneResult) -> dict[str, NDArray[np.float64]]:
     """Return the responses and the landscape behind the plots."""
+    from maglev_design.tune.problem import Case, design_at, scenario_at  # noqa: PLC0415
+
     problem = result.problem
     curves: dict[str, NDArray[np.float64]] = {}
     for label, poles, ratio in (

@@ -28,6 +28,7 @@ from maglev_design.simulate import (
     mirrored,
     nominal_scenario,
     pole_tangent,
+    respond,
     simulate,
     simulate_batch,
     total_variation,
@@ -400,11 +401,38 @@ def test_the_trace_is_the_response(method: Method | None, share: float, noise: b
     assert_agree(
         summaries(loop, figures)[0], Summary(response.metrics, total_variation(response), {})
     )
-    assert trace is not None
     (rows,) = trace
     expected = (response.gap[1:], response.velocity[1:], response.commanded, response.applied)
     for column, curve in zip(rows.T, expected, strict=True):
         assert column == pytest.approx(curve, abs=AGREE * float(np.abs(curve).max()))
+
+
+@pytest.mark.parametrize("drop", [False, True], ids=["held", "dropped"])
+@pytest.mark.parametrize("method", ["tustin", None])
+def test_one_compiled_response_is_the_interpreted_one(method: Method | None, drop: bool) -> None:
+    rig, design = designed(method=method, base=OFFSET)
+    loop = loop_for(rig, design, continuous=method is None)
+    scenario = nominal_scenario(rig, plant_beta(rig))
+    if drop:
+        scenario = replace(scenario, initial_velocity=3.0)
+    expected, found = simulate(loop, design, scenario), respond(loop, design, scenario)
+    assert (expected.metrics.crash is not None) == drop
+    variation = total_variation(expected)
+    assert_agree(Summary(found.metrics, variation, {}), Summary(expected.metrics, variation, {}))
+    for name in ("times", "gap", "velocity", "reference", "commanded", "applied"):
+        curve = getattr(expected, name)
+        size = float(np.abs(curve).max())
+        assert getattr(found, name) == pytest.approx(curve, abs=AGREE * size), name
+
+
+def test_a_response_that_takes_a_compiler_long_is_interpreted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(compiled, "kernel", lambda *_: pytest.fail("compiled"))
+    rig, design = designed(base=OFFSET)
+    loop = build(rig, "tustin", refine=20)
+    scenario = nominal_scenario(rig, plant_beta(rig))
+    assert respond(loop, design, scenario).metrics == simulate(loop, design, scenario).metrics
 
 
 # --- what is refused -----------------------------------------------------------------------

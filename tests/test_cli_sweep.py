@@ -27,6 +27,7 @@ from maglev_design.cli.sweep_verb import Request
 from maglev_design.design import PoleSpec, make_design
 from maglev_design.errors import InputError
 from maglev_design.parameters import Rig, load_rig
+from maglev_design.plain import finite
 from maglev_design.sweep import executors
 
 SLOW = 240
@@ -131,7 +132,7 @@ def save_design(folder: Path, rig: Rig, zeta: float, omega_n: float) -> Path:
         "rig": record.rig_as_data(rig),
         "design": record.design_as_data(design),
     }
-    record.save(record.DesignRecord(rig, design, record.finite(document), {}), folder)
+    record.save(record.DesignRecord(rig, design, finite(document), {}), folder)
     return folder / "design.json"
 
 

@@ -13,10 +13,10 @@ from rigs import SHORT, rig_with
 
 from maglev_design.certify import sampled_margins
 from maglev_design.errors import InputError
+from maglev_design.plain import finite
 from maglev_design.record import (
     LARGEST_RECORD,
     DesignRecord,
-    finite,
     load,
     make_record,
     rig_as_data,

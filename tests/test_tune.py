@@ -21,7 +21,7 @@ from maglev_design.design import PoleSpec
 from maglev_design.errors import InputError
 from maglev_design.loop import build_loop
 from maglev_design.parameters import Rig
-from maglev_design.record import finite
+from maglev_design.plain import finite
 from maglev_design.tune import (
     Status,
     TuneResult,

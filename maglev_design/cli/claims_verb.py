@@ -20,7 +20,8 @@ from maglev_design.paper.simulated import simulated_claims
 from maglev_design.paper.survey import survey
 from maglev_design.paper.theory import theory_claims
 from maglev_design.parameters import Rig, load_rig
-from maglev_design.record import finite, rig_as_data
+from maglev_design.plain import finite
+from maglev_design.record import rig_as_data
 from maglev_design.report.claims_text import details, markdown, summary_rows, tally
 
 

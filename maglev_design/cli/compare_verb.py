@@ -18,7 +18,8 @@ from maglev_design.paper.comparison import Comparison, Progress, compare
 from maglev_design.paper.survey import orderings, survey
 from maglev_design.paper.trials import Reading, contenders
 from maglev_design.parameters import Emulator, Rig, load_rig
-from maglev_design.record import finite, load, rig_as_data
+from maglev_design.plain import finite
+from maglev_design.record import load, rig_as_data
 from maglev_design.report.comparison_text import (
     guesses,
     margin_table,

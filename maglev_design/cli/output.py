@@ -16,7 +16,7 @@ Progress = Callable[[str, float], None]
 
 def print_json(document: dict[str, Any]) -> None:
     """Print one JSON document, the schema version first, infinities as null."""
-    from maglev_design.record import finite  # noqa: PLC0415 - not for verbs that print tables
+    from maglev_design.plain import finite  # noqa: PLC0415 - imports NumPy
 
     text = json.dumps(finite({"schema_version": SCHEMA_VERSION} | document), indent=2)
     sys.stdout.write(text + "\n")

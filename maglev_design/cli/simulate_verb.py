@@ -6,7 +6,7 @@ import math
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,9 +24,11 @@ from maglev_design.errors import InputError
 from maglev_design.files import write_bytes
 from maglev_design.paper.trials import TRIALS
 from maglev_design.parameters import Emulator, Rig, load_rig, make_rig
-from maglev_design.record import load
-from maglev_design.simulate import Response, Scenario, emulated, error_bounds, loop_for
+from maglev_design.simulate import Response, Scenario, emulated, error_bounds, loop_for, respond
 from maglev_design.simulate import simulate as run_loop
+
+if TYPE_CHECKING:
+    from maglev_design.record import DesignRecord
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ def simulate(request: Request, csv: Path | None, plot: Path | None, *, as_json: 
         return
     rig, design, scenario, ratio, continuous = _set_up(request)
     response, bounds = error_bounds(
-        rig, design, scenario, continuous=continuous, emulate=request.emulate
+        rig, design, scenario, continuous=continuous, emulate=request.emulate, run=respond
     )
     _write(rig, response, ratio, csv, plot)
     if as_json:
@@ -167,8 +169,14 @@ def _tell(response: Response, csv: Path | None, plot: Path | None) -> None:
             say(f"written: {path}")
 
 
+def _saved(path: Path) -> DesignRecord:
+    from maglev_design.record import load  # noqa: PLC0415 - only when a design is given
+
+    return load(path)
+
+
 def _set_up(request: Request) -> tuple[Rig, Design, Scenario, float, bool]:
-    record = load(request.design) if request.design else None
+    record = _saved(request.design) if request.design else None
     rig = record.rig if record else load_rig(request.rig)
     continuous = request.sample_time == 0
     if request.sample_time is not None and not continuous:

@@ -24,7 +24,8 @@ from maglev_design.design import PAPER_POLES, Design, PoleSpec, check_path_volta
 from maglev_design.errors import InputError, nearest
 from maglev_design.files import output_folder, write_bytes
 from maglev_design.parameters import DRAWN, Rig, load_rig
-from maglev_design.record import DesignRecord, finite, load
+from maglev_design.plain import finite
+from maglev_design.record import DesignRecord, load
 from maglev_design.simulate import cores
 
 INTERRUPTED = 130

@@ -4,7 +4,7 @@
 an integrator that shares nothing with the first.
 """
 
-from maglev_design.simulate.batch import Summary, cores, simulate_batch
+from maglev_design.simulate.batch import Summary, cores, respond, simulate_batch
 from maglev_design.simulate.emulator import emulated
 from maglev_design.simulate.graph import LoopGraph, build
 from maglev_design.simulate.independent import resimulate
@@ -40,6 +40,7 @@ __all__ = [
     "nominal_scenario",
     "pole_tangent",
     "resimulate",
+    "respond",
     "settling_time",
     "simulate",
     "simulate_batch",

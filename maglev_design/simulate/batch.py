@@ -1,7 +1,7 @@
 """Many closed loops at once: compiled in vector lanes where there is a compiler, else interpreted.
 
-What comes back is the figures of every loop; a response with its curves is
-:func:`maglev_design.simulate.simulate`.
+What comes back is the figures of every loop; for one loop with its curves there is
+:func:`respond`.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from maglev_design.simulate.response import (
     PARTS,
     Crash,
     Metrics,
+    Response,
     Scenario,
     Tangent,
     parameter_vector,
@@ -34,6 +35,9 @@ from maglev_design.simulate.response import (
 from maglev_design.simulate.transient import total_variation
 
 Array = NDArray[np.float64]
+
+MOST_PIECES = 16
+"""Integration steps a period up to which a single response is compiled: 1.5 s, and 13 s for 60."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +107,33 @@ def simulate_batch(
             _interpreted(loop, design, scenario, tangents[n] if tangents else None, clamped)
             for n, (design, scenario) in enumerate(zip(designs, scenarios, strict=True))
         ]
-    return _compiled(loop, found, designs, scenarios, tangents, clamped, threads)
+    figures, _ = _compiled(loop, found, designs, scenarios, tangents, clamped, threads)
+    return summaries(loop, figures)
+
+
+def respond(loop: LoopGraph, design: Design, scenario: Scenario) -> Response:
+    """Run one closed loop, compiled where that is possible and takes no longer than it is worth.
+
+    The curves are those of :func:`maglev_design.simulate.simulate`; the metrics, added in another
+    order, differ from its by rounding. A loop with many integration steps a period is interpreted:
+    a compiler takes seconds for it.
+    """
+    found = compiled.kernel(loop, 1) if loop.pieces <= MOST_PIECES else None
+    if found is None:
+        return simulate(loop, design, scenario)
+    figures, trace = _compiled(loop, found, [design], [scenario], None, True, 1, trace=True)
+    (summary,) = summaries(loop, figures)
+    gap, velocity, commanded, applied = trace[0].T
+    return Response(
+        loop.times,
+        np.append(scenario.initial_gap, gap),
+        np.append(scenario.initial_velocity, velocity),
+        reference_path(loop.rig, loop.times)[0],
+        commanded,
+        applied,
+        summary.metrics,
+        {},
+    )
 
 
 @cache
@@ -132,7 +162,10 @@ def _compiled(
     tangents: Sequence[Tangent] | None,
     clamped: bool,
     threads: int,
-) -> list[Summary]:
+    *,
+    trace: bool = False,
+) -> tuple[Array, Array]:
+    """Return the figures, one row a loop, and the traces of :func:`compiled.run`."""
     rig, width = loop.rig, loop.directions
     states, vectors = [], []
     for n, (design, scenario) in enumerate(zip(designs, scenarios, strict=True)):
@@ -152,7 +185,7 @@ def _compiled(
         vectors.append(vector)
     stream = np.array([(s.seed, s.index) for s in scenarios], dtype=np.uint32)
     deviation = np.array([s.deviations(rig) for s in scenarios])
-    figures, _ = compiled.run(
+    return compiled.run(
         loop,
         found,
         np.array(states),
@@ -160,9 +193,9 @@ def _compiled(
         stream,
         deviation,
         noisy=any(s.noise for s in scenarios),
+        trace=trace,
         threads=threads,
     )
-    return summaries(loop, figures)
 
 
 def first_noise(loop: LoopGraph, scenario: Scenario) -> float:

@@ -1,34 +1,40 @@
 """The closed loop as compiled C: the same CasADi step, printed in vector lanes.
 
 The step with its tangents and the increments of the metrics are printed instruction by instruction
-(:func:`printed`); ``kernel.c`` folds them over the horizon. The system's compiler is run once for
-a text; what it made is kept in the user's cache folder under the hash of the text, the flags and
-the machine, and checked against its own hash before it is loaded.
+(:mod:`maglev_design.simulate.printing`); ``kernel.c`` folds them over the horizon. The text is kept
+in the user's cache folder under the hash of what it was printed from. The system's compiler is run
+once for a text; what it made is kept under the hash of the text, the flags and the machine, and
+checked against its own hash before it is loaded. So a process that finds both imports neither
+SymPy nor CasADi and starts no compiler.
 """
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import hashlib
 import os
 import platform
+import shlex
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from importlib import resources
+from importlib import metadata, resources
 from pathlib import Path
 from typing import Any
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design.simulate.graph import LoopGraph, metrics_program
+from maglev_design import design as designs
+from maglev_design import parameters
+from maglev_design.programs import fingerprint
+from maglev_design.simulate.graph import LoopGraph
+from maglev_design.store import cache_folder, digest, kept, sources
 
 Array = NDArray[np.float64]
 
@@ -41,9 +47,19 @@ FLAGS = (
     "-ffp-contract=off",
     "-fno-math-errno",
     "-fno-trapping-math",
+    "-fno-signed-zeros",
     "-w",
 )
 """No fused products and no -ffast-math: the noise has the same bits in every back end."""
+HERE = Path(__file__).parent
+SOURCES = (
+    HERE,
+    HERE / "kernel.c",
+    HERE / "lanes.h",
+    Path(designs.__file__),
+    Path(parameters.__file__),
+)
+"""Whose text decides what a kernel is, besides the programs."""
 PARTS = 9
 EXTREMES = ("peak_voltage", "min_voltage", "peak_applied", "min_gap", "max_gap")
 SCALARS = (*EXTREMES, "total_variation", "final_error", "survived", "last_gap")
@@ -51,168 +67,24 @@ TANGENTS = ("ise", "iae", "itae", *EXTREMES)
 
 
 @cache
-def compiler() -> str | None:
-    """Return the C compiler: ``CC`` where it is set, else cc, gcc or clang; None without one."""
-    wanted = os.environ.get("CC")
-    names = [wanted] if wanted else ["cc", "gcc", "clang"]
-    return next((path for name in names if (path := shutil.which(name))), None)
+def command() -> tuple[str, ...] | None:
+    """Return the C compiler and what goes before its arguments; None without one.
 
-
-def cache_folder() -> Path:
-    """Return where compiled loops are kept: ``MAGLEV_DESIGN_CACHE`` or the user's cache."""
-    chosen = os.environ.get("MAGLEV_DESIGN_CACHE")
-    if chosen:
-        return Path(chosen)
-    base = os.environ.get("XDG_CACHE_HOME")
-    if sys.platform == "darwin" and not base:
-        return Path.home() / "Library" / "Caches" / "maglev-design"
-    return (Path(base) if base else Path.home() / ".cache") / "maglev-design"
-
-
-_FORMS: dict[int, str] = {
-    ca.OP_ASSIGN: "{0}",
-    ca.OP_ADD: "{0} + {1}",
-    ca.OP_SUB: "{0} - {1}",
-    ca.OP_MUL: "{0} * {1}",
-    ca.OP_DIV: "{0} / {1}",
-    ca.OP_NEG: "-{0}",
-    ca.OP_INV: "1.0 / {0}",
-    ca.OP_SQ: "{0} * {0}",
-    ca.OP_TWICE: "2.0 * {0}",
-    ca.OP_SQRT: "root({0})",
-    ca.OP_FABS: "absolute({0})",
-    ca.OP_SIGN: "sign_of({0})",
-    ca.OP_FLOOR: "lower({0})",
-    ca.OP_FMIN: "smaller({0}, {1})",
-    ca.OP_FMAX: "larger({0}, {1})",
-    ca.OP_LT: "truth({0} < {1})",
-    ca.OP_LE: "truth({0} <= {1})",
-    ca.OP_EQ: "truth({0} == {1})",
-    ca.OP_NE: "truth({0} != {1})",
-    ca.OP_NOT: "truth({0} == 0.0)",
-    ca.OP_AND: "truth(({0} != 0.0) & ({1} != 0.0))",
-    ca.OP_OR: "truth(({0} != 0.0) | ({1} != 0.0))",
-    ca.OP_IF_ELSE_ZERO: "guarded({0}, {1})",
-}
-
-
-def printed(function: ca.Function, head: str, read: Callable[[int, int], str]) -> str:
-    """Return an SX function as C, one statement an instruction.
-
-    Parameters
-    ----------
-    function : casadi.Function
-    head : str
-        Its signature; outputs are ``out0``, ``out1``, ...
-    read : callable
-        (input, element) -> how it is written.
+    ``CC`` where it is set (``ccache gcc`` is two words), else cc, gcc or clang.
     """
-    names: dict[int, str] = {}
-    lines = []
-    for k in range(function.n_instructions()):
-        kind = function.instruction_id(k)
-        sources, targets = function.instruction_input(k), function.instruction_output(k)
-        if kind == ca.OP_OUTPUT:
-            lines.append(f"out{targets[0]}[{targets[1]}] = {names[sources[0]]};")
-            continue
-        if kind == ca.OP_INPUT:
-            text = read(*sources)
-        elif kind == ca.OP_CONST:
-            text = f"spread({float(function.instruction_constant(k))!r})"
-        else:
-            text = _FORMS[kind].format(*[names[s] for s in sources])
-        names[targets[0]] = f"w{k}"
-        lines.append(f"const real w{k} = {text};")
-    body = "\n    ".join(lines)
-    return f"{head}\n{{\n    {body}\n}}\n"
+    wanted = shlex.split(os.environ.get("CC", ""))
+    choices = [wanted] if wanted else [["cc"], ["gcc"], ["clang"]]
+    return next(((path, *rest) for name, *rest in choices if (path := shutil.which(name))), None)
 
 
-def source(loop: LoopGraph, lanes: int) -> str:
-    """Return the C text of a loop's kernel."""
-    step, width = loop.step, 1 + loop.directions
-    size = len(loop.state_names)
-    sizes = {
-        "LANES": lanes,
-        "N_STATE": size,
-        "N_PARAMETER": len(loop.parameter_names),
-        "N_INPUT": step.size1_in(2),
-        "PIECES": loop.pieces,
-        "NODES": (step.size1_in(2) - loop.pieces) // 3,
-        "NODES_A_PIECE": loop.nodes_a_piece,
-        "DIRECTIONS": loop.directions,
-        "N_FIGURES": figures_count(loop.directions),
-        "ALIVE": loop.state_names.index("alive"),
-    }
-    defines = "".join(f"#define {name} {value}\n" for name, value in sizes.items())
-
-    def of_step(position: int, element: int) -> str:
-        name = ("state", "parameters", "inputs", "noise")[position]
-        text = f"{name}[{element}]"
-        return f"spread({text})" if name == "inputs" else text
-
-    signature = (
-        "static inline void step(const real *state, const real *parameters, const double *inputs,"
-        " const real *noise, real *restrict out0, real *restrict out1, real *restrict out2)"
-    )
-    return "\n".join(
-        [
-            defines,
-            _resource("lanes.h"),
-            "static inline real spread(double x);",
-            printed(step, signature, of_step),
-            *_measures(width),
-            _KEEP,
-            _resource("kernel.c"),
-        ]
-    )
+def compiler() -> str | None:
+    """Return the path of the C compiler; None without one."""
+    found = command()
+    return found[0] if found else None
 
 
-_KEEP = """
-#define WIDTH (1 + DIRECTIONS)
-static inline void keep_larger(real *held, const real *value, int stride, real counts)
-{
-    const mask better = (value[0] > held[0]) & (counts > 0.0);
-    for (int d = 0; d < WIDTH; d++) held[d] = chosen(better, value[d * stride], held[d]);
-}
-static inline void keep_smaller(real *held, const real *value, int stride, real counts)
-{
-    const mask better = (value[0] < held[0]) & (counts > 0.0);
-    for (int d = 0; d < WIDTH; d++) held[d] = chosen(better, value[d * stride], held[d]);
-}
-#undef WIDTH
-"""
-
-
-def _measures(width: int) -> list[str]:
-    """Return the increments of the metrics with their tangents, with and without a sign change."""
-    names = ("before", "now", "slope", "rate")
-    texts = []
-    for name, crossing in (("measure", False), ("measure_crossing", True)):
-        values = [ca.SX.sym(f"{n}_value") for n in names]
-        seeds = [ca.SX.sym(f"{n}_tangent", width - 1) for n in names]
-        start, length = ca.SX.sym("start"), ca.SX.sym("length")
-        before, now, slope, rate = values
-        program = metrics_program(crossing)
-        sums = ca.vertcat(*program.casadi(before, now, slope, rate, start, length))
-        out = [sums]
-        if width > 1:
-            moved = ca.jtimes(sums, ca.vertcat(*values), ca.vertcat(*[s.T for s in seeds]))
-            out.append(ca.vec(moved))
-        inputs = [ca.vertcat(v, s) for v, s in zip(values, seeds, strict=True)]
-        function = ca.Function(name, [*inputs, start, length], [ca.vertcat(*out)])
-
-        def read(position: int, element: int) -> str:
-            if position < len(names):
-                return f"{names[position]}[{element}]"
-            return f"spread({('start', 'length')[position - len(names)]})"
-
-        arrays = ", ".join(f"const real *{n}" for n in names)
-        head = f"static inline void {name}({arrays}, double start, double length, real *out0)"
-        texts.append(printed(function, head, read))
-    return texts
-
-
-def _resource(name: str) -> str:
+def resource(name: str) -> str:
+    """Return a text file that stands beside this module."""
     return (resources.files("maglev_design.simulate") / name).read_text("utf-8")
 
 
@@ -223,23 +95,49 @@ def figures_count(directions: int) -> int:
 
 @cache
 def _machine() -> str:
-    """Return what the compiled code depends on besides its text."""
-    path = compiler() or ""
-    version = subprocess.run(  # noqa: S603 - the system's compiler
-        [path, "-march=native", "-Q", "--help=target"], capture_output=True, text=True, check=False
-    )
-    named = subprocess.run([path, "--version"], capture_output=True, text=True, check=False)  # noqa: S603
-    return "\n".join((platform.machine(), version.stdout, named.stdout, " ".join(FLAGS)))
+    """Return what compiled code depends on besides its text: processor, compiler and flags.
+
+    The compiler is asked once in the life of its file on this machine; the answer is kept.
+    """
+    words = command() or ()
+
+    def ask() -> str:
+        questions = (("-march=native", "-Q", "--help=target"), ("--version",))
+        answers = [_asked((*words, *question)) for question in questions]
+        return "\n".join((platform.machine(), *answers, " ".join(FLAGS)))
+
+    files = [Path(path).stat() for word in words if (path := shutil.which(word))]
+    stamps = [f"{file.st_size} {file.st_mtime_ns} {file.st_ino}" for file in files]
+    key = digest(*words, *stamps, *FLAGS, platform.node(), platform.machine(), _processor())
+    return kept("machines", key, ask, str)
+
+
+def _asked(words: tuple[str, ...]) -> str:
+    try:
+        done = subprocess.run(words, capture_output=True, text=True, check=False)  # noqa: S603
+    except OSError:
+        return ""  # not a program; compiling will say so
+    return done.stdout
+
+
+def _processor() -> str:
+    """Return the name and abilities of the first processor, where the system lists them."""
+    try:
+        with Path("/proc/cpuinfo").open("rb") as file:
+            first = file.read(8192).partition(b"\n\n")[0].decode("utf-8", "replace")
+    except OSError:
+        return ""
+    return "\n".join(line for line in first.splitlines() if "MHz" not in line)
 
 
 def compile_library(text: str) -> Path | None:
     """Return the shared library of a C text, from the cache or made now; None when it fails.
 
     Two processes that compile the same text at once both succeed: each writes a file of its own
-    and renames it. A library that does not match the hash beside it is made anew.
+    and renames it. A library that does not match the hash beside it is made anew. Where the cache
+    folder cannot be written, the library lives in a temporary one as long as this process.
     """
-    path = compiler()
-    if path is None:
+    if command() is None:
         return None
     key = hashlib.sha256(f"{text}\n{_machine()}".encode()).hexdigest()[:32]
     folder = cache_folder()
@@ -251,22 +149,39 @@ def compile_library(text: str) -> Path | None:
         pass  # no proof beside it, or not readable: made anew below
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=folder) as work:
-            made, written = Path(work) / "loop.so", Path(work) / "loop.c"
-            written.write_text(text, "utf-8")
-            done = subprocess.run(  # noqa: S603 - the system's compiler on our own text
-                [path, *FLAGS, "-shared", "-fPIC", "-o", str(made), str(written), "-lm"],
-                capture_output=True,
-                check=False,
-            )
-            if done.returncode:
-                return None
-            (Path(work) / "proof").write_text(_digest(made), "ascii")
-            made.replace(library)
-            (Path(work) / "proof").replace(proof)
+        work = tempfile.TemporaryDirectory(dir=folder)
+    except OSError as error:
+        folder = _own_folder(f"{folder}: {error.strerror}")
+        work = tempfile.TemporaryDirectory(dir=folder)
+    with work as name:
+        made = _compiled(text, Path(name))
+        if made is None:
+            return None
+        (Path(name) / "proof").write_text(_digest(made), "ascii")
+        made.replace(library := folder / f"{key}.so")
+        (Path(name) / "proof").replace(library.with_suffix(".sha256"))
+    return library
+
+
+def _compiled(text: str, folder: Path) -> Path | None:
+    """Return the library of a C text, made in `folder`; None when the compiler fails."""
+    made, written = folder / "loop.so", folder / "loop.c"
+    written.write_text(text, "utf-8")
+    words = [*(command() or ()), *FLAGS, "-shared", "-fPIC", "-o", str(made), str(written), "-lm"]
+    try:
+        done = subprocess.run(words, capture_output=True, check=False)  # noqa: S603 - our own text
     except OSError:
         return None
-    return library
+    return None if done.returncode or not made.exists() else made
+
+
+@cache
+def _own_folder(reason: str) -> Path:
+    """Return a folder that goes with this process, and say once why it is needed."""
+    sys.stderr.write(f"note: compiled loops cannot be kept ({reason}); set MAGLEV_DESIGN_CACHE\n")
+    folder = tempfile.mkdtemp(prefix="maglev-design-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)
 
 
 def _digest(path: Path) -> str:
@@ -312,8 +227,25 @@ def kernel(loop: LoopGraph, lanes: int = LANES) -> Kernel | None:
     """Return the compiled kernel of a loop; None where there is no compiler."""
     if compiler() is None:
         return None
-    function = _loaded(source(loop, lanes))
+    function = _loaded(text(loop, lanes))
     return None if function is None else Kernel(function, lanes)
+
+
+def text(loop: LoopGraph, lanes: int) -> str:
+    """Return the C text of a loop's kernel, from the cache folder or printed now."""
+
+    def printed() -> str:
+        from maglev_design.simulate.printing import source  # noqa: PLC0415 - imports CasADi
+
+        return source(loop, lanes)
+
+    return kept("loops", digest(_made_from(), loop.structure, str(lanes)), printed, str)
+
+
+@cache
+def _made_from() -> str:
+    """Return the hash of what every kernel is printed from, but for the loop's own structure."""
+    return digest(fingerprint(), metadata.version("casadi"), *sources(*SOURCES))
 
 
 def run(
@@ -327,8 +259,8 @@ def run(
     noisy: bool,
     trace: bool = False,
     threads: int = 1,
-) -> tuple[Array, Array | None]:
-    """Run n loops; return their figures, shape (n, N_FIGURES), and the trace of a single one.
+) -> tuple[Array, Array]:
+    """Run n loops; return their figures, shape (n, N_FIGURES), and their traces.
 
     Parameters
     ----------
@@ -339,7 +271,8 @@ def run(
     deviation : array, shape (n, 2)
         Standard deviations of input and position noise.
     trace : bool
-        Return gap, velocity, commanded and applied voltage after every step, shape (n, steps, 4).
+        Whether gap, velocity, commanded and applied voltage after every step are wanted: shape
+        (n, steps, 4), or (n, 0, 4) where they are not.
     threads : int
         Cores; the result does not depend on it.
     """
@@ -357,10 +290,10 @@ def run(
     arrays = [laned(a) for a in (parameters, first, stream, deviation)]
     size = figures_count(loop.directions)
     figures = _aligned(np.zeros((blocks, size, lanes)))
-    traces = _aligned(np.zeros((blocks, steps, 4, lanes))) if trace else None
+    traces = _aligned(np.zeros((blocks, steps if trace else 0, 4, lanes)))
 
     def work(begin: int, end: int) -> None:
-        pointer = None if traces is None else traces[begin:end].ctypes.data
+        pointer = traces[begin:end].ctypes.data if trace else None
         cut = [a[begin:end] for a in arrays]
         found.run(
             end - begin, steps, inputs, starts, parts, *cut, int(noisy), figures[begin:end], pointer
@@ -373,9 +306,7 @@ def run(
         with ThreadPoolExecutor(len(edges) - 1) as pool:
             list(pool.map(work, edges[:-1].tolist(), edges[1:].tolist()))
     flat = figures.transpose(0, 2, 1).reshape(-1, size)[:count]
-    if traces is None:
-        return flat, None
-    return flat, traces.transpose(0, 3, 1, 2).reshape(-1, steps, 4)[:count]
+    return flat, traces.transpose(0, 3, 1, 2).reshape(blocks * lanes, traces.shape[1], 4)[:count]
 
 
 def _aligned(values: NDArray[Any]) -> NDArray[Any]:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cache
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +23,9 @@ from maglev_design.design import (
 from maglev_design.parameters import Rig
 from maglev_design.simulate import graph as graphs
 from maglev_design.simulate.noise import INPUT_CHANNEL, POSITION_CHANNEL, standard_normals
+
+if TYPE_CHECKING:
+    import casadi as ca
 
 Array = NDArray[np.float64]
 
@@ -238,10 +240,10 @@ def held_voltage(rig: Rig, design: Design, reference: Mapping[str, float]) -> fl
     return voltage
 
 
-def noise_samples(rig: Rig, scenario: Scenario, steps: int) -> Array | ca.DM:
+def noise_samples(rig: Rig, scenario: Scenario, steps: int) -> Array:
     """Return input and position noise, shape (2, steps) [V, m]; zeros without noise."""
     if not scenario.noise:
-        return ca.DM(2, steps)
+        return np.zeros((2, steps))
     channels = (INPUT_CHANNEL, POSITION_CHANNEL)
     return np.stack(
         [
@@ -310,6 +312,8 @@ class Tangent(NamedTuple):
 @cache
 def _start_jacobian(controller: Controller) -> ca.Function:
     """Return the derivative of the law's first states with respect to its gains."""
+    import casadi as ca  # noqa: PLC0415 - only for sensitivities
+
     program = graphs.start_program(controller)
     inputs = {name: ca.SX.sym(name) for name in program.inputs}
     gains = ca.vertcat(*[inputs[name] for name in gain_names(controller)])
@@ -406,6 +410,8 @@ def _extreme_gradients(
 @cache
 def _pole_jacobian(method: Method | None, controller: Controller) -> ca.Function:
     """Return the derivatives of the controller's parameters and gains by the four pole values."""
+    import casadi as ca  # noqa: PLC0415 - only for sensitivities
+
     poles = ca.SX.sym("poles", 4)
     program = gains_program(controller)
     gains = program.casadi(*ca.vertsplit(poles))
@@ -453,14 +459,17 @@ def error_bounds(
     *,
     continuous: bool = False,
     emulate: bool = False,
+    run: Callable[[graphs.LoopGraph, Design, Scenario], Response] = simulate,
 ) -> tuple[Response, dict[str, float]]:
     """Run a loop and return it with bounds on the relative error of ISE, IAE and ITAE.
 
     The loop is run again with the integration steps halved; the bound is twice the difference,
     where a fourth-order method needs 16/15 (and a kink of the clamp, which lowers the order, two).
+    `run` is what runs a loop: :func:`simulate`, or
+    :func:`maglev_design.simulate.respond`.
     """
     coarse, fine = (
-        simulate(
+        run(
             loop_for(rig, design, continuous=continuous, refine=refine, emulate=emulate),
             design,
             scenario,

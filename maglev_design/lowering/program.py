@@ -1,44 +1,24 @@
-"""The one door from SymPy to CasADi graphs, NumPy callables and source text.
+"""A straight-line program and its printings: CasADi graphs, NumPy callables, source text, JSON.
 
-Expressions become a straight-line program: elementary operations on numbered values, in one
-fixed order, common subexpressions shared, integer powers as products, rational constants
-correctly rounded. Every back end performs those same operations in that same order, so that in
-IEEE double precision they agree to the last bit (C compiled with ``-ffp-contract=off``), except
-for ``exp``, ``sinh``, ``cosh``, ``sin`` and ``cos``, which each language has from a library of its
-own, and for min and max of nan or of zeros of both signs.
+Every back end performs the same operations in the same order, so that in IEEE double precision
+they agree to the last bit (C compiled with ``-ffp-contract=off``), except for ``exp``, ``sinh``,
+``cosh``, ``sin`` and ``cos``, which each language has from a library of its own, and for min and
+max of nan or of zeros of both signs.
 """
 
 from __future__ import annotations
 
+import json
 import keyword
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-import sympy as sp
-from sympy import Expr, Symbol
-from sympy.logic.boolalg import Boolean
 
 Language = Literal["python", "c", "matlab"]
-
-_CALLS = {
-    sp.exp: "exp",
-    sp.sinh: "sinh",
-    sp.cosh: "cosh",
-    sp.sin: "sin",
-    sp.cos: "cos",
-    sp.Abs: "abs",
-}
-_RELATIONS = {
-    sp.StrictLessThan: ("lt", False),
-    sp.LessThan: ("le", False),
-    sp.StrictGreaterThan: ("lt", True),
-    sp.GreaterThan: ("le", True),
-}
 
 
 class Operation(NamedTuple):
@@ -115,6 +95,41 @@ class Program:
         exec(compile(text, "<lowered>", "exec"), namespace)  # noqa: S102 - text made above, names checked
         return namespace["program"]  # type: ignore[no-any-return]
 
+    def to_json(self) -> str:
+        """Return the program as JSON text, every constant to the last bit."""
+        fields = (self.inputs, self.outputs, self.operations, self.results)
+        return json.dumps(fields, separators=(",", ":"))
+
+    @classmethod
+    def from_json(cls, text: str) -> Program:
+        """Return the program of :meth:`to_json`.
+
+        Raises
+        ------
+        ValueError
+            When the text is no program: of another shape, with names that are none, an unknown
+            operation or one that reads what comes later.
+        """
+        try:
+            inputs, outputs, rows, results = json.loads(text)
+            operations = tuple(Operation(str(n), tuple(a), float(c)) for n, a, c in rows)
+            check_names(inputs, outputs)
+            for position, (name, arguments, _) in enumerate(operations):
+                if position < len(inputs):
+                    sound = name == "input" and arguments == (position,)
+                else:
+                    sound = name in _ARITY and len(arguments) == _ARITY[name]
+                    sound = sound and all(a in range(position) for a in arguments)
+                if not sound:
+                    raise ValueError(f"operation {position} is none")
+            if len(outputs) != len(results) or not all(
+                r in range(len(operations)) for r in results
+            ):
+                raise ValueError("results that are not there")
+        except (TypeError, AttributeError, ValueError) as error:
+            raise ValueError(f"not a program: {error}") from error
+        return cls(tuple(inputs), tuple(outputs), operations, tuple(results))
+
     def source(self, language: Language) -> list[str]:
         """Return one statement a line, assigning every output from the inputs.
 
@@ -140,175 +155,23 @@ class Program:
         return lines
 
 
-def lower(
-    inputs: Sequence[Symbol],
-    outputs: Mapping[str, Expr],
-    definitions: Mapping[Symbol, Expr] | None = None,
-) -> Program:
-    """Return the straight-line program that computes `outputs` from `inputs`.
-
-    Parameters
-    ----------
-    inputs : sequence of Symbol
-        In call order; every free symbol of the outputs must be among them.
-    outputs : mapping of str to Expr
-        Names and expressions; made of +, -, *, /, integer and half-integer powers, Min, Max, Abs,
-        Piecewise, exp, sinh, cosh, sin, cos and rational constants.
-    definitions : mapping of Symbol to Expr, optional
-        Intermediate symbols and what they stand for, in an order in which each uses earlier ones.
-
-    Raises
-    ------
-    ValueError
-        For an unknown symbol, an unusable name or a construct that has no lowering.
-
-    Examples
-    --------
-    >>> x = Symbol("x")
-    >>> lower([x], {"cube": x**3}).source("c")
-    ['const double t0 = x * x;', 'const double t1 = t0 * x;', 'cube = t1;']
-    """
-    names = [symbol.name for symbol in inputs]
-    for name in [*names, *outputs]:
+def check_names(inputs: Sequence[str], outputs: Sequence[str]) -> None:
+    """Raise `ValueError` unless the names are distinct and usable in every target language."""
+    for name in (*inputs, *outputs):
         if not name.isidentifier() or keyword.iskeyword(name) or _is_reserved(name):
             raise ValueError(f"{name!r} cannot name a variable in every target language")
-    if len(set(names)) != len(names) or set(names) & set(outputs):
+    if len(set(inputs)) != len(inputs) or set(inputs) & set(outputs):
         raise ValueError("inputs and outputs must have distinct names")
-    builder = _Builder(inputs)
-    for symbol, meaning in (definitions or {}).items():
-        builder.done[symbol] = builder.emit(sp.sympify(meaning))
-    results = tuple(builder.emit(sp.sympify(expression)) for expression in outputs.values())
-    return Program(tuple(names), tuple(outputs), tuple(builder.operations), results)
 
 
 def _is_reserved(name: str) -> bool:
     return name[:1] == "t" and name[1:].isdigit()
 
 
-class _Builder:
-    """Emits operations, each distinct one once."""
-
-    def __init__(self, inputs: Sequence[Symbol]) -> None:
-        self.operations: list[Operation] = []
-        self.known: dict[Operation, int] = {}
-        self.done: dict[Expr, int] = {}
-        for position, symbol in enumerate(inputs):
-            self.operations.append(Operation("input", (position,)))
-            self.done[symbol] = position
-
-    def add(self, name: str, *arguments: int, constant: float = 0.0) -> int:
-        operation = Operation(name, arguments, constant)
-        if operation not in self.known:
-            self.known[operation] = len(self.operations)
-            self.operations.append(operation)
-        return self.known[operation]
-
-    def emit(self, expression: Expr | Boolean) -> int:
-        if expression not in self.done:
-            self.done[expression] = self._emit(expression)
-        return self.done[expression]
-
-    def _emit(self, x: Any) -> int:  # noqa: PLR0911 - one case a kind of expression
-        if x.is_Symbol:
-            raise ValueError(f"symbol {x.name!r} is not among the inputs")
-        if x.is_Rational:
-            return self.add("const", constant=_rounded(x))
-        if x.is_Add:
-            return self._sum(x)
-        if x.is_Mul:
-            return self._product(x)
-        if x.is_Pow:
-            return self._power(x.base, x.exp)
-        if x.func in _CALLS:
-            return self.add(_CALLS[x.func], self.emit(x.args[0]))
-        if x.func in (sp.Min, sp.Max):
-            return self._fold("min" if x.func is sp.Min else "max", _ordered(x.args))
-        if x.func in _RELATIONS:
-            name, swapped = _RELATIONS[x.func]
-            left, right = (x.rhs, x.lhs) if swapped else (x.lhs, x.rhs)
-            return self.add(name, self.emit(left), self.emit(right))
-        if x.func in (sp.And, sp.Or):
-            return self._fold("and" if x.func is sp.And else "or", _ordered(x.args))
-        if x.func is sp.ITE:  # what SymPy makes of a comparison whose side is a Piecewise
-            return self.emit(x.to_nnf())
-        if x.func is sp.Piecewise:
-            return self._piecewise(x)
-        raise ValueError(f"no lowering for {x.func.__name__} in {x}")
-
-    def _fold(self, name: str, terms: Iterable[Any]) -> int:
-        first, *others = [self.emit(term) for term in terms]
-        for other in others:
-            first = self.add(name, first, other)
-        return first
-
-    def _sum(self, x: Any) -> int:
-        positive = [a for a in _ordered(x.args) if not a.could_extract_minus_sign()]
-        negative = [-a for a in _ordered(x.args) if a.could_extract_minus_sign()]
-        if not positive:
-            return self.add("neg", self._fold("add", negative))
-        total = self._fold("add", positive)
-        for term in negative:
-            total = self.add("sub", total, self.emit(term))
-        return total
-
-    def _product(self, x: Any) -> int:
-        coefficient, factors = x.as_coeff_mul()
-        if coefficient.is_negative:
-            return self.add("neg", self.emit(-x))
-        above = [f for f in _ordered(factors) if not _is_inverse(f)]
-        below = [1 / f for f in _ordered(factors) if _is_inverse(f)]
-        if coefficient != 1:
-            above = [coefficient, *above]
-        if not below:
-            return self._fold("mul", above)
-        # a reciprocal and a product: in a loop the reciprocal of what stays is taken once
-        one = self.emit(sp.Integer(1))
-        inverse = self.add("div", one, self._fold("mul", below))
-        return self.add("mul", self._fold("mul", above), inverse) if above else inverse
-
-    def _power(self, base: Any, exponent: Any) -> int:
-        if exponent.is_negative:
-            return self.add("div", self.emit(sp.Integer(1)), self._power(base, -exponent))
-        if exponent == sp.Rational(1, 2):
-            return self.add("sqrt", self.emit(base))
-        if exponent.is_Rational and exponent.q == 2:
-            return self.add(
-                "mul",
-                self._power(base, exponent - sp.Rational(1, 2)),
-                self._power(base, sp.Rational(1, 2)),
-            )
-        if not exponent.is_Integer:
-            raise ValueError(f"no lowering for the power {base}**{exponent}")
-        count = int(exponent)
-        if count == 1:
-            return self.emit(base)
-        half = self._power(base, sp.Integer(count // 2))
-        square = self.add("mul", half, half)
-        return self.add("mul", square, self.emit(base)) if count % 2 else square
-
-    def _piecewise(self, x: Any) -> int:
-        *cases, (last, default) = x.args
-        if default is not sp.true:
-            raise ValueError("a Piecewise must end with a default case")
-        result = self.emit(last)
-        for value, condition in reversed(cases):
-            result = self.add("where", self.emit(condition), self.emit(value), result)
-        return result
-
-
-def _ordered(terms: Iterable[Any]) -> list[Any]:
-    return sorted(terms, key=sp.default_sort_key)
-
-
-def _is_inverse(x: Any) -> bool:
-    return bool(x.is_Pow and x.exp.is_negative)
-
-
-def _rounded(x: Any) -> float:
-    try:
-        return float(Fraction(int(x.p), int(x.q)))
-    except OverflowError as error:
-        raise ValueError("a constant is too large for double precision") from error
+_ARITY = {"const": 0, "neg": 1, "where": 3}
+_ARITY |= dict.fromkeys(("sqrt", "exp", "sinh", "cosh", "sin", "cos", "abs"), 1)
+_ARITY |= dict.fromkeys(("add", "sub", "mul", "div", "min", "max", "lt", "le", "and", "or"), 2)
+"""Of every operation but ``input``, how many values it reads."""
 
 
 _NUMPY_OPERATORS: Mapping[str, Callable[..., Any]] = {

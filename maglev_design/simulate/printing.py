@@ -1,0 +1,182 @@
+"""The closed loop's CasADi step as C text, one statement an instruction, in vector lanes or not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import casadi as ca
+
+from maglev_design.simulate.compiled import figures_count, resource
+from maglev_design.simulate.graph import LoopGraph, metrics_program
+
+_FORMS: dict[int, str] = {
+    ca.OP_ASSIGN: "{0}",
+    ca.OP_ADD: "{0} + {1}",
+    ca.OP_SUB: "{0} - {1}",
+    ca.OP_MUL: "{0} * {1}",
+    ca.OP_DIV: "{0} / {1}",
+    ca.OP_NEG: "-{0}",
+    ca.OP_INV: "1.0 / {0}",
+    ca.OP_SQ: "{0} * {0}",
+    ca.OP_TWICE: "2.0 * {0}",
+    ca.OP_SQRT: "root({0})",
+    ca.OP_FABS: "absolute({0})",
+    ca.OP_SIGN: "sign_of({0})",
+    ca.OP_FLOOR: "lower({0})",
+    ca.OP_FMIN: "smaller({0}, {1})",
+    ca.OP_FMAX: "larger({0}, {1})",
+    ca.OP_LT: "truth({0} < {1})",
+    ca.OP_LE: "truth({0} <= {1})",
+    ca.OP_EQ: "truth({0} == {1})",
+    ca.OP_NE: "truth({0} != {1})",
+    ca.OP_NOT: "truth({0} == 0.0)",
+    ca.OP_AND: "truth(({0} != 0.0) & ({1} != 0.0))",
+    ca.OP_OR: "truth(({0} != 0.0) | ({1} != 0.0))",
+    ca.OP_IF_ELSE_ZERO: "guarded({0}, {1})",
+}
+
+
+def printed(function: ca.Function, head: str, read: Callable[[int, int], str]) -> str:
+    """Return an SX function as C, one statement an instruction.
+
+    Parameters
+    ----------
+    function : casadi.Function
+    head : str
+        Its signature; outputs are ``out0``, ``out1``, ...
+    read : callable
+        (input, element) -> how it is written.
+    """
+    names: dict[int, str] = {}
+    made: dict[str, tuple[int, list[str]]] = {}
+    lines = []
+    for k in range(function.n_instructions()):
+        kind = function.instruction_id(k)
+        sources, targets = function.instruction_input(k), function.instruction_output(k)
+        if kind == ca.OP_OUTPUT:
+            lines.append(f"out{targets[0]}[{targets[1]}] = {names[sources[0]]};")
+            continue
+        if kind == ca.OP_INPUT:
+            text = read(*sources)
+        elif kind == ca.OP_CONST:
+            text = f"spread({_number(float(function.instruction_constant(k)))})"
+        else:
+            operands = [names[s] for s in sources]
+            made[f"w{k}"] = kind, operands
+            text = _choice(made, operands) if kind == ca.OP_ADD else None
+            text = text or _FORMS[kind].format(*operands)
+        names[targets[0]] = f"w{k}"
+        lines.append(f"const real w{k} = {text};")
+    body = "\n    ".join(lines)
+    return f"{head}\n{{\n    {body}\n}}\n"
+
+
+def _choice(made: dict[str, tuple[int, list[str]]], terms: list[str]) -> str | None:
+    """Return the sum (a where c, else 0) + (b where not c, else 0) as one choice; None for others.
+
+    CasADi takes if_else apart into this sum.
+    """
+    guards = [made.get(term, (None, []))[1] for term in terms]
+    if any(made.get(term, (None, []))[0] != ca.OP_IF_ELSE_ZERO for term in terms):
+        return None
+    (first, a), (second, b) = guards
+    if made.get(second) == (ca.OP_NOT, [first]):
+        return f"chosen({first} != 0.0, {a}, {b})"
+    if made.get(first) == (ca.OP_NOT, [second]):
+        return f"chosen({second} != 0.0, {b}, {a})"
+    return None
+
+
+def _number(value: float) -> str:
+    """Return a constant in C, to the last bit."""
+    if math.isnan(value):
+        return '__builtin_nan("")'
+    if math.isinf(value):
+        return "__builtin_inf()" if value > 0 else "-__builtin_inf()"
+    return repr(value)
+
+
+def source(loop: LoopGraph, lanes: int) -> str:
+    """Return the C text of a loop's kernel."""
+    step, width = loop.step, 1 + loop.directions
+    size = len(loop.state_names)
+    sizes = {
+        "LANES": lanes,
+        "N_STATE": size,
+        "N_PARAMETER": len(loop.parameter_names),
+        "N_INPUT": step.size1_in(2),
+        "PIECES": loop.pieces,
+        "NODES": (step.size1_in(2) - loop.pieces) // 3,
+        "NODES_A_PIECE": loop.nodes_a_piece,
+        "DIRECTIONS": loop.directions,
+        "N_FIGURES": figures_count(loop.directions),
+        "ALIVE": loop.state_names.index("alive"),
+    }
+    defines = "".join(f"#define {name} {value}\n" for name, value in sizes.items())
+
+    def of_step(position: int, element: int) -> str:
+        name = ("state", "parameters", "inputs", "noise")[position]
+        text = f"{name}[{element}]"
+        return f"spread({text})" if name == "inputs" else text
+
+    signature = (
+        "static inline void step(const real *state, const real *parameters, const double *inputs,"
+        " const real *noise, real *restrict out0, real *restrict out1, real *restrict out2)"
+    )
+    return "\n".join(
+        [
+            defines,
+            resource("lanes.h"),
+            "static inline real spread(double x);",
+            printed(step, signature, of_step),
+            *_measures(width),
+            _KEEP,
+            resource("kernel.c"),
+        ]
+    )
+
+
+_KEEP = """
+#define WIDTH (1 + DIRECTIONS)
+static inline void keep_larger(real *held, const real *value, int stride, real counts)
+{
+    const mask better = (value[0] > held[0]) & (counts > 0.0);
+    for (int d = 0; d < WIDTH; d++) held[d] = chosen(better, value[d * stride], held[d]);
+}
+static inline void keep_smaller(real *held, const real *value, int stride, real counts)
+{
+    const mask better = (value[0] < held[0]) & (counts > 0.0);
+    for (int d = 0; d < WIDTH; d++) held[d] = chosen(better, value[d * stride], held[d]);
+}
+#undef WIDTH
+"""
+
+
+def _measures(width: int) -> list[str]:
+    """Return the increments of the metrics with their tangents, with and without a sign change."""
+    names = ("before", "now", "slope", "rate")
+    texts = []
+    for name, crossing in (("measure", False), ("measure_crossing", True)):
+        values = [ca.SX.sym(f"{n}_value") for n in names]
+        seeds = [ca.SX.sym(f"{n}_tangent", width - 1) for n in names]
+        start, length = ca.SX.sym("start"), ca.SX.sym("length")
+        before, now, slope, rate = values
+        program = metrics_program(crossing)
+        sums = ca.vertcat(*program.casadi(before, now, slope, rate, start, length))
+        out = [sums]
+        if width > 1:
+            moved = ca.jtimes(sums, ca.vertcat(*values), ca.vertcat(*[s.T for s in seeds]))
+            out.append(ca.vec(moved))
+        inputs = [ca.vertcat(v, s) for v, s in zip(values, seeds, strict=True)]
+        function = ca.Function(name, [*inputs, start, length], [ca.vertcat(*out)])
+
+        def read(position: int, element: int) -> str:
+            if position < len(names):
+                return f"{names[position]}[{element}]"
+            return f"spread({('start', 'length')[position - len(names)]})"
+
+        arrays = ", ".join(f"const real *{n}" for n in names)
+        head = f"static inline void {name}({arrays}, double start, double length, real *out0)"
+        texts.append(printed(function, head, read))
+    return texts
