@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 
 import casadi as ca
@@ -50,37 +51,47 @@ def printed(function: ca.Function, head: str, read: Callable[[int, int], str]) -
     """
     names: dict[int, str] = {}
     made: dict[str, tuple[int, list[str]]] = {}
-    lines = []
+    lines: list[tuple[str, str]] = []
     for k in range(function.n_instructions()):
-        kind = function.instruction_id(k)
+        kind, name = function.instruction_id(k), f"w{k}"
         sources, targets = function.instruction_input(k), function.instruction_output(k)
         if kind == ca.OP_OUTPUT:
-            lines.append(f"out{targets[0]}[{targets[1]}] = {names[sources[0]]};")
+            lines.append(("", f"out{targets[0]}[{targets[1]}] = {names[sources[0]]};"))
             continue
         if kind == ca.OP_INPUT:
             text = read(*sources)
         elif kind == ca.OP_CONST:
             text = f"spread({_number(float(function.instruction_constant(k)))})"
         else:
-            operands = [names[s] for s in sources]
-            made[f"w{k}"] = kind, operands
-            text = _choice(made, operands) if kind == ca.OP_ADD else None
-            text = text or _FORMS[kind].format(*operands)
-        names[targets[0]] = f"w{k}"
-        lines.append(f"const real w{k} = {text};")
-    body = "\n    ".join(lines)
+            made[name] = kind, [names[s] for s in sources]
+            text = _choice(made, name) or _FORMS[kind].format(*made[name][1])
+        names[targets[0]] = name
+        lines.append((name, f"const real {name} = {text};"))
+    body = "\n    ".join(_needed(lines))
     return f"{head}\n{{\n    {body}\n}}\n"
 
 
-def _choice(made: dict[str, tuple[int, list[str]]], terms: list[str]) -> str | None:
+def _needed(lines: list[tuple[str, str]]) -> list[str]:
+    """Return the statements without the values that a choice has made superfluous."""
+    used: set[str] = set()
+    kept = []
+    for name, text in reversed(lines):
+        if not name or name in used:
+            kept.append(text)
+            used |= set(re.findall(r"\bw\d+\b", text.partition("=")[2]))
+    return kept[::-1]
+
+
+def _choice(made: dict[str, tuple[int, list[str]]], name: str) -> str | None:
     """Return the sum (a where c, else 0) + (b where not c, else 0) as one choice; None for others.
 
     CasADi takes if_else apart into this sum.
     """
-    guards = [made.get(term, (None, []))[1] for term in terms]
-    if any(made.get(term, (None, []))[0] != ca.OP_IF_ELSE_ZERO for term in terms):
+    kind, terms = made[name]
+    parts = [made.get(term, (None, []))[0] for term in terms]
+    if kind != ca.OP_ADD or parts != [ca.OP_IF_ELSE_ZERO] * 2:
         return None
-    (first, a), (second, b) = guards
+    (first, a), (second, b) = (made[term][1] for term in terms)
     if made.get(second) == (ca.OP_NOT, [first]):
         return f"chosen({first} != 0.0, {a}, {b})"
     if made.get(first) == (ca.OP_NOT, [second]):
