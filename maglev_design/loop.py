@@ -24,10 +24,8 @@ from scipy.optimize import minimize
 
 from maglev_design import design as designs
 from maglev_design.choices import TAN_GPI, Controller, Equilibrium, Method
-from maglev_design.lowering import Program, lower
 from maglev_design.parameters import Rig
-from maglev_design.symbolic import plant as p
-from maglev_design.symbolic import stability
+from maglev_design.programs import program
 
 Array = NDArray[np.float64]
 
@@ -122,33 +120,6 @@ def family(rig: Rig, beta_error: float) -> Family:
     return Family((float(gaps[0]), float(gaps[-1])), (1 - beta_error, 1 + beta_error))
 
 
-@cache
-def _law_program(method: Method, controller: Controller) -> Program:
-    law = designs.law(controller)
-    pulse = stability.sampled_law(law, method)
-    inputs = (p.C_U_hat, p.C_Y_hat, p.T, *law.gains)
-    return lower(inputs, _named(gap=pulse.gap, velocity=pulse.velocity, den=pulse.denominator))
-
-
-@cache
-def _plant_program() -> Program:
-    gap, velocity = stability.sampled_plant("gap"), stability.sampled_plant("velocity")
-    inputs = (p.C_Y_true, p.T, stability.first_part)
-    outputs = _named(gap=gap.numerator, velocity=velocity.numerator, den=gap.denominator)
-    return lower(inputs, outputs)
-
-
-@cache
-def _hurwitz_program(controller: Controller) -> Program:
-    law = designs.law(controller)
-    inputs = (p.rho, p.C_Y_true, p.C_Y_hat, *law.gains)
-    return lower(inputs, _named(share=stability.hurwitz_shares(law)))
-
-
-def _named(**groups: Sequence[Any]) -> dict[str, Any]:
-    return {f"{name}{n}": x for name, group in groups.items() for n, x in enumerate(group)}
-
-
 @lru_cache(maxsize=64)
 def build_loop(
     rig: Rig,
@@ -180,8 +151,10 @@ def build_loop(
     )
     gain = c_u * slope
 
-    law = _split(_law_program(method, controller).casadi(c_u_hat, c_y_hat, period, *gains), 3)
-    pulse = _split(_plant_program().casadi(c_y, period, when.part), [3, 3, 4])
+    law = _split(
+        program("pulse_law", method, controller).casadi(c_u_hat, c_y_hat, period, *gains), 3
+    )
+    pulse = _split(program("pulse_plant").casadi(c_y, period, when.part), [3, 3, 4])
     law_gap, law_velocity, law_den = law
     plant_gap, plant_velocity, plant_den = pulse
     through_gap, through_velocity = (
@@ -197,7 +170,7 @@ def build_loop(
     coefficients = ca.vertcat(*closed)
     effort = [slope * x for x in _product(plant_den, law_gap)] + [ca.SX(0)] * whole
     noise = ca.sqrt(_mean_square(effort, closed))
-    shares = _hurwitz_program(controller).casadi(gain / believed_gain, c_y, c_y_hat, *gains)
+    shares = program("hurwitz", controller).casadi(gain / believed_gain, c_y, c_y_hat, *gains)
     margin = ca.mmin(ca.vertcat(*shares))
     return Loop(
         period=period,

@@ -270,30 +270,36 @@ def test_library_functions_agree_to_the_last_place(
 
 HERE = str(Path(__file__).parent)
 PRINT_ALL = """
-from maglev_design import design as d, loop
+from maglev_design import design as d
 from maglev_design.choices import EQUILIBRIA, METHODS
+from maglev_design.programs import program
 from maglev_design.simulate import graph
 from byhand import SOME
 programs = [d.plant_program(), d.reference_program(), graph.acceleration_program(),
-    graph.metrics_program(), graph.coil_program(), loop._plant_program()]
+    graph.metrics_program(), graph.coil_program(), program("pulse_plant")]
 programs += [d.believed_program(reading) for reading in EQUILIBRIA]
 for law in SOME:
     programs += [d.gains_program(law), d.slope_program(law), graph.start_program(law),
-        graph.continuous_program(law), loop._hurwitz_program(law)]
+        graph.continuous_program(law), program("hurwitz", law)]
     for method in METHODS:
         programs += [graph.step_program(method, law), graph.feedforward_program(method, law),
-            d.coefficients_program(method, law), loop._law_program(method, law)]
-for program in programs:
+            d.coefficients_program(method, law), program("pulse_law", method, law)]
+for one in programs:
     for language in ("python", "c", "matlab"):
-        print("\\n".join(program.source(language)))
+        print("\\n".join(one.source(language)))
 """
 
 
-def test_another_process_with_other_hashes_writes_the_same_text() -> None:
+def test_another_process_with_other_hashes_writes_the_same_text(tmp_path: Path) -> None:
     texts = [
         subprocess.run(  # noqa: S603 - our own interpreter and text
             [sys.executable, "-c", PRINT_ALL],
-            env={**os.environ, "PYTHONHASHSEED": seed, "PYTHONPATH": HERE},
+            env={
+                **os.environ,
+                "PYTHONHASHSEED": seed,
+                "PYTHONPATH": os.pathsep.join((HERE, os.environ.get("PYTHONPATH", ""))),
+                "MAGLEV_DESIGN_CACHE": str(tmp_path / seed),  # derived anew by each
+            },
             capture_output=True,
             check=True,
         ).stdout

@@ -6,7 +6,7 @@ Inputs and outputs of each are described where it is called, in :mod:`maglev_des
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import cache
 
 import sympy as sp
@@ -187,3 +187,30 @@ def continuous(controller: Controller) -> Program:
     }
     outputs["commanded"] = running.commanded
     return lower(inputs, outputs, {running.commanded: stability.believed(command)})
+
+
+def pulse_law(method: Method, controller: Controller) -> Program:
+    """Return the coefficients of the law's pulse transfer functions, highest power first."""
+    own = law(controller)
+    pulse = stability.sampled_law(own, method)
+    inputs = (p.C_U_hat, p.C_Y_hat, p.T, *own.gains)
+    return lower(inputs, _named(gap=pulse.gap, velocity=pulse.velocity, den=pulse.denominator))
+
+
+def pulse_plant() -> Program:
+    """Return the coefficients of the plant's pulse transfer functions, highest power first."""
+    gap, velocity = stability.sampled_plant("gap"), stability.sampled_plant("velocity")
+    inputs = (p.C_Y_true, p.T, stability.first_part)
+    outputs = _named(gap=gap.numerator, velocity=velocity.numerator, den=gap.denominator)
+    return lower(inputs, outputs)
+
+
+def hurwitz(controller: Controller) -> Program:
+    """Return the Routh-Hurwitz conditions, each divided by its value as designed."""
+    own = law(controller)
+    inputs = (p.rho, p.C_Y_true, p.C_Y_hat, *own.gains)
+    return lower(inputs, _named(share=stability.hurwitz_shares(own)))
+
+
+def _named(**groups: Sequence[sp.Expr]) -> dict[str, sp.Expr]:
+    return {f"{name}{n}": x for name, group in groups.items() for n, x in enumerate(group)}
