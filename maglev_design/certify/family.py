@@ -1,0 +1,494 @@
+"""The family of loops a certificate speaks of, and a polytope of rational vertices around it.
+
+A member is a gap y of [y_1, y_2] and a ratio beta_c/beta of [r_1, r_2]. By
+:mod:`maglev_design.symbolic.closed_loop` its state matrix depends on
+
+    q = (Y + y0)/(y + y0), on the gap alone,  and  m = C_U'(Y)/C_U^, on the ratio alone.
+
+**Ratio.** m^2 is a rational function of the ratio, proportional to its power 0, -1 or -2
+(according to the reading), so m is monotone and runs between its values at r_1 and r_2. An
+irrational square root is replaced by the nearest multiple of 2^-64 on the outer side. C_Y^ either
+does not depend on the ratio, or m C_Y^ does not: both matrices are affine in m.
+
+**Gap, continuous loop.** A is affine in (rho, C_Y', rho C_Y^) = (m q, C_Y'(Y) q, m C_Y^ q): affine
+in q at fixed m and in m at fixed q. A function that is affine in each of two variables is, over a
+rectangle, a convex combination of its values at the four corners,
+
+    A(q, m) = (1-t)(1-s) A_11 + t(1-s) A_21 + (1-t)s A_12 + ts A_22.
+
+Hence four vertices, and not those of the box of rho times C_Y': gap moves both along a ray.
+
+**Gap, sampled loop.** At fixed m, A is affine in the functions f(q) of
+:data:`maglev_design.symbolic.closed_loop.HOLD`. Each is a power series in q with coefficients
+>= 0, made of E_n(x) = sum_k x^k/(2k + n)!, x = C_Y'(Y) T^2 q:
+
+    cosh(sqrt x) - 1 = x E_2(x),  sinh(sqrt x)/sqrt x = E_1(x).
+
+Cut after degree d, E_n lacks between 0 and x^(d+1)/(2d+2+n)!/(1 - x/((2d+3+n)(2d+4+n))), because
+each further term is less than that ratio times the one before. What is left is a vector of
+polynomials in t in [0, 1], q = q_1 + (q_2 - q_1) t, and in Bernstein's form
+
+    f(q) = sum_i B_i(t) f_i,  B_i(t) = C(D, i) t^i (1 - t)^(D-i) >= 0,  sum_i B_i(t) = 1,
+
+so that A(q, m) is a convex combination of A(f_i, m_j), j = 1, 2, but for the cut. The functions
+are nearly straight at usual periods, and so is the chain of the f_i: the hull is thin.
+
+**Remainder.** The cut, the enclosure of exp(-k3 T) under ``zoh`` and the rounding of the vertices
+to multiples of 2^-64 are bounded entry by entry; the sum of the bounds is not less than the
+Frobenius norm of what the polytope misses.
+
+All of it is in scaled states S x, S diagonal and part of the document.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache
+from typing import Any, Literal
+
+from maglev_design.certify.exact import Matrix
+from maglev_design.choices import Equilibrium, Method
+from maglev_design.design import Design, believed_equilibrium, path_gaps, plant_beta
+from maglev_design.errors import InputError
+from maglev_design.lowering import Program, lower
+from maglev_design.parameters import Rig
+from maglev_design.symbolic import closed_loop as cl
+from maglev_design.symbolic import plant as p
+from maglev_design.symbolic.laws import tan_gpi
+
+LoopName = Literal["continuous", "sampled"]
+Vector = tuple[Fraction, ...]
+
+GRID = 2**64
+"""Vertices and irrational end points are multiples of 1/GRID."""
+CUT = Fraction(1, 2**50)
+"""Largest share of itself by which a cut series may be too small."""
+HIGHEST_DEGREE = 40
+"""Beyond it the plant grows by more than e^15 within one period."""
+MOST_STATES = 16
+"""Of the loop with its remembered voltages; a larger LMI takes minutes."""
+SAME = 1e-9
+"""Relative difference to which a design must believe what its rig says."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """Rig and controller, every number exact.
+
+    The rig's decimals are taken as typed; the gains are the doubles that run. SI units.
+
+    Attributes
+    ----------
+    mass, gravity, current_gain, force_constant, gap_offset, gap : Fraction
+        m, g, C, K, y0 and Y.
+    voltage : Fraction or None
+        U as measured.
+    equilibrium, method : str
+    gains : tuple of Fraction
+        (k0, k1, k2, k3).
+    period, delay : Fraction
+        T and the time from a sample to its voltage.
+    """
+
+    mass: Fraction
+    gravity: Fraction
+    current_gain: Fraction
+    force_constant: Fraction
+    gap_offset: Fraction
+    gap: Fraction
+    voltage: Fraction | None
+    equilibrium: Equilibrium
+    method: Method
+    gains: Vector
+    period: Fraction
+    delay: Fraction
+
+    @property
+    def whole(self) -> int:
+        """Whole periods of delay, n."""
+        return int(self.delay // self.period)
+
+    @property
+    def part(self) -> Fraction:
+        """What is left of the delay, T_1 in [0, T) [s]."""
+        return self.delay - self.whole * self.period
+
+
+@dataclass(frozen=True)
+class Claim:
+    """Which loop, over which gaps [m] and which ratios beta_c/beta."""
+
+    loop: LoopName
+    gaps: tuple[Fraction, Fraction]
+    ratios: tuple[Fraction, Fraction]
+
+
+@dataclass(frozen=True)
+class Polytope:
+    """Matrices of the scaled states whose hull, up to a remainder, contains every member's.
+
+    Attributes
+    ----------
+    vertices : tuple of matrix
+    remainder : Fraction
+        Bound of the Frobenius norm of a member less the nearest point of the hull.
+    """
+
+    vertices: tuple[Matrix, ...]
+    remainder: Fraction
+
+
+def decimal(value: float) -> Fraction:
+    """Return a number of a rig as the decimal that was typed.
+
+    Examples
+    --------
+    >>> decimal(0.001)
+    Fraction(1, 1000)
+    """
+    return Fraction(repr(float(value)))
+
+
+def subject(design: Design, rig: Rig) -> Subject:
+    """Return the exact numbers of `design` on `rig`.
+
+    Raises
+    ------
+    InputError
+        For a controller other than TAN-GPI, and for a design that was made for another beta.
+    """
+    if design.controller.name != "tan-gpi":
+        raise InputError(
+            f"controller = {design.controller.name!r}: a certificate needs 'tan-gpi', whose "
+            "loop's dependence on the gap is known in closed form"
+        )
+    own = plant_beta(rig)
+    believed = believed_equilibrium(rig, design.equilibrium, own, own)
+    if not math.isclose(believed.C_U, design.believed.C_U, rel_tol=SAME):
+        raise InputError(
+            f"design: C_U = {design.believed.C_U:g} m/(s^2 V), but with the rig's beta it is "
+            f"{believed.C_U:g}; ratios count from the rig's beta: certify with the design's rig"
+        )
+    plant, point, sampling = rig.plant, rig.operating_point, rig.sampling
+    return Subject(
+        mass=decimal(plant.mass),
+        gravity=decimal(plant.gravity),
+        current_gain=decimal(plant.current_gain),
+        force_constant=decimal(plant.force_constant),
+        gap_offset=decimal(plant.gap_offset),
+        gap=decimal(point.gap),
+        voltage=None if point.voltage is None else decimal(point.voltage),
+        equilibrium=design.equilibrium,
+        method=design.method,
+        gains=tuple(Fraction(k) for k in design.gains),
+        period=decimal(sampling.period),
+        delay=decimal(sampling.delay),
+    )
+
+
+def claim(
+    rig: Rig,
+    loop: LoopName,
+    beta_error: Fraction,
+    gap_range: tuple[float, float] | None = None,
+) -> Claim:
+    """Return the claim over `gap_range`, by default the hull of path, initial gap and Y."""
+    ends = path_gaps(rig, 2) if gap_range is None else gap_range
+    gaps = decimal(min(ends)), decimal(max(ends))
+    return Claim(loop, gaps, (1 - beta_error, 1 + beta_error))
+
+
+def state_names(of: Subject, loop: LoopName) -> tuple[str, ...]:
+    """Return the states in order: error, its rate, the controller's two, remembered efforts."""
+    held = range(1, _held(of) + 1) if loop == "sampled" else ()
+    return ("e", "v", "x1", "x2", *(f"b{n}" for n in held))
+
+
+def scaling(of: Subject, loop: LoopName) -> Vector:
+    """Return S, which brings every state to metres: powers of a whole omega near k0^(1/4)."""
+    omega = Fraction(max(1, round(float(of.gains[0]) ** 0.25)))
+    held = _held(of) if loop == "sampled" else 0
+    return (Fraction(1), 1 / omega, omega, omega, *([omega**-2] * held))
+
+
+def enclose(of: Subject, over: Claim, scale: Sequence[Fraction]) -> Polytope:
+    """Return the polytope of a claim in the states S x.
+
+    Raises
+    ------
+    InputError
+        When the family is empty or holds an impossible gap or ratio, or the period is too long.
+    """
+    _check(of, over, scale)
+    gains = _gain_ends(of, over.ratios)
+    span = tuple(sorted(_fall(of, gap) for gap in over.gaps))
+    if over.loop == "continuous":
+        members = [_continuous(of, q, *gain) for q in span for gain in gains]
+        missed = Fraction(0)
+    else:
+        members, missed = _sampled(of, span, gains, scale)
+    scaled = [_rounded(_scaled(member, scale)) for member in members]
+    remainder = missed + Fraction(len(scale), 2 * GRID)
+    return Polytope(tuple(dict.fromkeys(scaled)), Fraction(math.ceil(remainder * GRID**2), GRID**2))
+
+
+def _check(of: Subject, over: Claim, scale: Sequence[Fraction]) -> None:
+    """Raise `InputError` for numbers with which the family makes no sense."""
+    positive = [of.mass, of.gravity, of.current_gain, of.force_constant, of.gap, of.period]
+    positive += [*of.gains, *scale, *([] if of.voltage is None else [of.voltage])]
+    if any(x <= 0 for x in positive) or of.gap_offset < 0 or of.delay < 0:
+        raise InputError("the rig, the gains and the scaling must be positive numbers")
+    (low, high), (weak, strong) = over.gaps, over.ratios
+    if not 0 < low <= high:
+        raise InputError(
+            f"gap range = [{float(low):g}, {float(high):g}] m: needs two finite gaps above 0 m, "
+            "the smaller first"
+        )
+    if not 0 < weak <= strong:
+        raise InputError(
+            f"ratios = [{float(weak):g}, {float(strong):g}]: beta_c/beta must be positive; allow "
+            "an error of beta below 1"
+        )
+    if len(of.gains) != 4 or len(scale) != len(state_names(of, over.loop)):
+        raise InputError("four gains and one scale for each state are needed")
+
+
+def _held(of: Subject) -> int:
+    """Return how many earlier voltages the loop remembers."""
+    held = of.whole + (of.part > 0)
+    if 4 + held > MOST_STATES:
+        raise InputError(
+            f"delay = {float(of.delay):g} s: certificates are made for at most "
+            f"{MOST_STATES - 4} periods of delay"
+        )
+    return held
+
+
+def _rounded(matrix: Matrix) -> Matrix:
+    return tuple(tuple(Fraction(round(x * GRID), GRID) for x in row) for row in matrix)
+
+
+def _scaled(matrix: Matrix, scale: Sequence[Fraction]) -> Matrix:
+    """Return S A S^-1."""
+    return tuple(
+        tuple(x * to / of for x, of in zip(row, scale, strict=True))
+        for row, to in zip(matrix, scale, strict=True)
+    )
+
+
+# --- ratio and gap -------------------------------------------------------------------------------
+
+
+@cache
+def _design_gap_program(reading: Equilibrium, voltage_given: bool) -> Program:
+    at = cl.at_design_gap(reading, voltage_given=voltage_given)
+    beta = {p.beta_c: at.beta}
+    outputs = {
+        "gain_squared": at.gain_squared.subs(beta),
+        "C_Y_hat_at": at.C_Y_hat.subs(beta),
+        "C_Y_at": at.C_Y,
+        "fall": at.fall,
+    }
+    return lower((p.m, p.g, p.C, p.K, p.y0, p.Y, p.U, p.y, cl.ratio), outputs)
+
+
+def _at(of: Subject, gap: Fraction, ratio: Fraction) -> list[Fraction]:
+    """Return (m^2, C_Y^, C_Y'(Y), q)."""
+    numbers = (of.mass, of.gravity, of.current_gain, of.force_constant, of.gap_offset, of.gap)
+    program = _design_gap_program(of.equilibrium, of.voltage is not None)
+    return program.exact(*numbers, of.voltage or Fraction(0), gap, ratio)
+
+
+def _fall(of: Subject, gap: Fraction) -> Fraction:
+    return _at(of, gap, Fraction(1))[3]
+
+
+def _rest(of: Subject) -> Fraction:
+    return _at(of, of.gap, Fraction(1))[2]
+
+
+def _gain_ends(of: Subject, ratios: tuple[Fraction, Fraction]) -> list[tuple[Fraction, Fraction]]:
+    """Return (m, C_Y^) at both ends, m outwards; m falls with the ratio or stays."""
+    weak, strong = (_at(of, of.gap, ratio)[:2] for ratio in ratios)
+    return [(root(weak[0])[1], weak[1]), (root(strong[0])[0], strong[1])]
+
+
+def root(square: Fraction) -> tuple[Fraction, Fraction]:
+    """Return bounds of a square root: equal where it is rational, else neighbours in 1/GRID.
+
+    Examples
+    --------
+    >>> root(Fraction(9, 4))
+    (Fraction(3, 2), Fraction(3, 2))
+    >>> low, high = root(Fraction(2))
+    >>> low**2 < 2 < high**2, high - low == Fraction(1, GRID)
+    (True, True)
+    """
+    exact = Fraction(math.isqrt(square.numerator), math.isqrt(square.denominator))
+    if exact**2 == square:
+        return exact, exact
+    below = math.isqrt(math.floor(square * GRID**2))
+    return Fraction(below, GRID), Fraction(below + 1, GRID)
+
+
+# --- continuous loop -----------------------------------------------------------------------------
+
+
+@cache
+def _continuous_program() -> Program:
+    inputs = (p.rho, p.C_Y_true, p.C_Y_hat, *tan_gpi().gains)
+    return lower(inputs, _entries(cl.continuous_matrix()))
+
+
+def _continuous(of: Subject, q: Fraction, gain: Fraction, C_Y_hat: Fraction) -> Matrix:
+    values = _continuous_program().exact(gain * q, _rest(of) * q, C_Y_hat, *of.gains)
+    return _matrix(values)
+
+
+# --- sampled loop --------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Series:
+    """A polynomial in q, lowest power first, and by how much it may be wrong on the family."""
+
+    coefficients: Vector
+    error: Fraction
+
+    def at(self, power: int) -> Fraction:
+        """Return a coefficient, 0 beyond the last."""
+        return self.coefficients[power] if power < len(self.coefficients) else Fraction(0)
+
+
+@cache
+def _sampled_program(method: Method, whole: int, partial: bool) -> Program:
+    inputs = (*cl.HOLD, cl.lag, cl.m_gain, p.C_Y_hat, *tan_gpi().gains, p.T)
+    return lower(inputs, _entries(cl.sampled_matrix(method, whole, partial=partial)))
+
+
+def _sampled(
+    of: Subject,
+    span: tuple[Fraction, ...],
+    gains: Sequence[tuple[Fraction, Fraction]],
+    scale: Sequence[Fraction],
+) -> tuple[list[Matrix], Fraction]:
+    """Return A at every control point and end of m, and the norm of what they miss."""
+    _held(of)
+    program = _sampled_program(of.method, of.whole, of.part > 0)
+    functions = [*hold_series(of, span[-1]), _decayed(of.gains[3] * of.period)]
+    degree = max(len(f.coefficients) for f in functions) - 1
+
+    def member(values: Sequence[Fraction], gain: tuple[Fraction, Fraction]) -> Matrix:
+        return _matrix(program.exact(*values, *gain, *of.gains, of.period))
+
+    points = list(zip(*[control_points(f, span, degree) for f in functions], strict=True))
+    members = [member(point, gain) for point in points for gain in gains]
+
+    def norm_missed(gain: tuple[Fraction, Fraction]) -> Fraction:  # A is affine in the functions
+        base, total = member(points[0], gain), Fraction(0)
+        for n, function in enumerate(functions):
+            moved = list(points[0])
+            moved[n] += function.error
+            change = _scaled(_difference(member(moved, gain), base), scale)
+            total += sum((abs(x) for row in change for x in row), Fraction(0))
+        return total
+
+    return members, max(norm_missed(gain) for gain in gains)
+
+
+def hold_series(of: Subject, q_max: Fraction) -> list[Series]:
+    """Return the series of :data:`maglev_design.symbolic.closed_loop.HOLD`, in its order."""
+    period, held, rest = of.period, of.period - of.part, _rest(of)
+    degree = _degree(rest * period**2 * q_max)
+
+    def entire(n: int, time: Fraction, factor: Fraction, power: int) -> Series:
+        """Return factor q^power E_n(C_Y'(Y) time^2 q)."""
+        step = rest * time**2
+        terms = [factor * step**k / math.factorial(2 * k + n) for k in range(degree + 1)]
+        cut = factor * q_max**power * _cut(n, step * q_max, degree)
+        return Series((*[Fraction(0)] * power, *terms), cut)
+
+    gap, fresh = (entire(2, time, time**2, 1) for time in (period, held))
+    speed, fresh_speed = (entire(1, time, time, 1) for time in (period, held))
+    return [
+        entire(2, period, rest * period**2, 1),
+        entire(1, period, period, 0),
+        entire(1, period, rest * period, 1),
+        fresh,
+        fresh_speed,
+        _minus(gap, fresh),
+        _minus(speed, fresh_speed),
+    ]
+
+
+def _cut(n: int, x: Fraction, degree: int) -> Fraction:
+    """Return a bound of what E_n lacks between 0 and x after `degree`, infinite terms included."""
+    ratio = x / ((2 * degree + 3 + n) * (2 * degree + 4 + n))
+    return x ** (degree + 1) / math.factorial(2 * degree + 2 + n) / (1 - ratio)
+
+
+def _degree(x: Fraction) -> int:
+    """Return the least degree after which E_1 and E_2 up to `x` are cut by at most CUT."""
+    for degree in range(1, HIGHEST_DEGREE + 1):
+        if x < (2 * degree + 4) * (2 * degree + 5) and _cut(1, x, degree) <= CUT:
+            return degree
+    raise InputError(
+        "period: the ball falls by more than e^15 within one period at the smallest gap; sample "
+        "faster or take larger gaps"
+    )
+
+
+def _minus(a: Series, b: Series) -> Series:
+    size = range(len(a.coefficients))
+    return Series(tuple(a.at(k) - b.at(k) for k in size), a.error + b.error)
+
+
+def _decayed(x: Fraction) -> Series:
+    """Return exp(-x), x > 0, as a constant with its error."""
+    if x >= 64:  # exp(-x) < 2^-64
+        return Series((Fraction(0),), Fraction(1, GRID))
+    below, term, k = Fraction(1), Fraction(1), 0
+    while k < 2 * x or term > CUT:
+        k += 1
+        term *= x / k
+        below += term
+    above = below + term  # each further term of exp(x) is less than half the one before
+    middle = Fraction(round(GRID / below), GRID)
+    return Series((middle,), max(abs(1 / below - middle), abs(1 / above - middle)))
+
+
+def control_points(series: Series, span: Sequence[Fraction], degree: int) -> list[Fraction]:
+    """Return the coefficients f_i in Bernstein's form of a degree over the span of q.
+
+    With q = q_1 + (q_2 - q_1) t and sum_k c_k q^k = sum_j d_j t^j,
+    f_i = sum_{j <= i} C(i, j)/C(D, j) d_j, D the degree.
+    """
+    low, width = span[0], span[-1] - span[0]
+    powers = range(degree + 1)
+
+    def shifted(j: int) -> Fraction:
+        terms = (math.comb(k, j) * series.at(k) * low ** (k - j) for k in powers if k >= j)
+        return width**j * sum(terms, Fraction(0))
+
+    d = [shifted(j) / math.comb(degree, j) for j in powers]
+    return [sum((math.comb(i, j) * d[j] for j in range(i + 1)), Fraction(0)) for i in powers]
+
+
+# --- matrices ------------------------------------------------------------------------------------
+
+
+def _entries(matrix: Any) -> dict[str, Any]:
+    rows, columns = matrix.shape
+    return {f"A_{i}_{j}": matrix[i, j] for i in range(rows) for j in range(columns)}
+
+
+def _matrix(values: Sequence[Fraction]) -> Matrix:
+    size = math.isqrt(len(values))
+    return tuple(tuple(values[i * size : (i + 1) * size]) for i in range(size))
+
+
+def _difference(a: Matrix, b: Matrix) -> Matrix:
+    return tuple(tuple(x - y for x, y in zip(r, s, strict=True)) for r, s in zip(a, b, strict=True))
