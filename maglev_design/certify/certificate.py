@@ -98,8 +98,8 @@ def document(certificates: Sequence[LmiCertificate]) -> dict[str, Any]:
 def _entry(found: LmiCertificate) -> dict[str, Any]:
     whole = found.as_dict()
     family = {name: whole["family"][name] for name in ("gaps", "ratios")}
-    kept = ("states", "scaling", "vertices", "remainder", "P", "decay")
-    return {"loop": whole["loop"], "family": family} | {name: whole[name] for name in kept}
+    kept = {name: whole[name] for name in ("states", "scaling", "vertices", "remainder", "P")}
+    return {"loop": whole["loop"], "family": family, **kept, "decay": whole["decay_exact"]}
 
 
 def write(path: Path, certificates: Sequence[LmiCertificate]) -> None:

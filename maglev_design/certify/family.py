@@ -38,6 +38,12 @@ to multiples of 2^-64 are bounded entry by entry; the sum of the bounds is not l
 Frobenius norm of what the polytope misses.
 
 All of it is in scaled states S x, S diagonal and part of the document.
+
+The gap may change from one instant, or one period, to the next. So may the ratio, but for a delayed
+loop, whose remembered efforts contain m: there it is constant, as beta is. Where a reading needs
+the true equilibrium voltage and the rig gives none, the controller of each member has measured
+that of its own plant. The gains are the doubles that run; the coefficients made of them and the
+steps are in exact arithmetic.
 """
 
 from __future__ import annotations
@@ -47,17 +53,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from maglev_design.certify.exact import Matrix
 from maglev_design.choices import Equilibrium, Method
-from maglev_design.design import Design, believed_equilibrium, path_gaps, plant_beta
+from maglev_design.design import Design, believed_equilibrium, law, path_gaps, plant_beta
 from maglev_design.errors import InputError
 from maglev_design.lowering import Program, lower
 from maglev_design.parameters import Rig
 from maglev_design.symbolic import closed_loop as cl
 from maglev_design.symbolic import plant as p
-from maglev_design.symbolic.laws import tan_gpi
 
 LoopName = Literal["continuous", "sampled"]
 Vector = tuple[Fraction, ...]
@@ -72,6 +77,10 @@ MOST_STATES = 16
 """Of the loop with its remembered voltages; a larger LMI takes minutes."""
 SAME = 1e-9
 """Relative difference to which a design must believe what its rig says."""
+
+
+class NotEnclosedError(InputError):
+    """The sampled loop has more states, or changes more in one period, than is enclosed."""
 
 
 @dataclass(frozen=True)
@@ -197,20 +206,36 @@ def claim(
 ) -> Claim:
     """Return the claim over `gap_range`, by default the hull of path, initial gap and Y."""
     ends = path_gaps(rig, 2) if gap_range is None else gap_range
+    if not all(math.isfinite(end) for end in ends):
+        raise InputError(f"gap range = [{ends[0]:g}, {ends[-1]:g}] m: both ends must be finite")
     gaps = decimal(min(ends)), decimal(max(ends))
     return Claim(loop, gaps, (1 - beta_error, 1 + beta_error))
 
 
 def state_names(of: Subject, loop: LoopName) -> tuple[str, ...]:
-    """Return the states in order: error, its rate, the controller's two, remembered efforts."""
-    held = range(1, _held(of) + 1) if loop == "sampled" else ()
-    return ("e", "v", "x1", "x2", *(f"b{n}" for n in held))
+    """Return the states in order: error, its rate, the controller's two, remembered efforts.
+
+    Raises
+    ------
+    NotEnclosedError
+        When there would be more than MOST_STATES.
+    """
+    own = ("e", "v", *(state.name for state in law().states))
+    if loop == "continuous":
+        return own
+    held = of.whole + (of.part > 0)
+    if len(own) + held > MOST_STATES:
+        raise NotEnclosedError(
+            f"delay = {float(of.delay):g} s: certificates are made for at most "
+            f"{MOST_STATES - len(own)} periods of delay"
+        )
+    return (*own, *(f"b{n + 1}" for n in range(held)))
 
 
 def scaling(of: Subject, loop: LoopName) -> Vector:
     """Return S, which brings every state to metres: powers of a whole omega near k0^(1/4)."""
     omega = Fraction(max(1, round(float(of.gains[0]) ** 0.25)))
-    held = _held(of) if loop == "sampled" else 0
+    held = len(state_names(of, loop)) - 4
     return (Fraction(1), 1 / omega, omega, omega, *([omega**-2] * held))
 
 
@@ -220,11 +245,13 @@ def enclose(of: Subject, over: Claim, scale: Sequence[Fraction]) -> Polytope:
     Raises
     ------
     InputError
-        When the family is empty or holds an impossible gap or ratio, or the period is too long.
+        When the family is empty or holds an impossible gap or ratio.
+    NotEnclosedError
+        When the period is too long or the delay is too many periods.
     """
     _check(of, over, scale)
     gains = _gain_ends(of, over.ratios)
-    span = tuple(sorted(_fall(of, gap) for gap in over.gaps))
+    span = tuple(sorted(_point(of, gap).fall for gap in over.gaps))
     if over.loop == "continuous":
         members = [_continuous(of, q, *gain) for q in span for gain in gains]
         missed = Fraction(0)
@@ -237,34 +264,24 @@ def enclose(of: Subject, over: Claim, scale: Sequence[Fraction]) -> Polytope:
 
 def _check(of: Subject, over: Claim, scale: Sequence[Fraction]) -> None:
     """Raise `InputError` for numbers with which the family makes no sense."""
-    positive = [of.mass, of.gravity, of.current_gain, of.force_constant, of.gap, of.period]
-    positive += [*of.gains, *scale, *([] if of.voltage is None else [of.voltage])]
-    if any(x <= 0 for x in positive) or of.gap_offset < 0 or of.delay < 0:
-        raise InputError("the rig, the gains and the scaling must be positive numbers")
+    rig = (of.mass, of.gravity, of.current_gain, of.force_constant, of.gap, of.period)
+    if min(rig) <= 0 or of.gap_offset < 0 or of.delay < 0 or (of.voltage or 1) <= 0:
+        raise InputError("the numbers of the rig must be positive")
+    if len(of.gains) != 4 or min(of.gains) <= 0:
+        raise InputError("gains: must be four positive numbers, k0 to k3")
+    if len(scale) != len(state_names(of, over.loop)) or min(scale) <= 0:
+        raise InputError("scaling: must be one positive number for each state")
     (low, high), (weak, strong) = over.gaps, over.ratios
     if not 0 < low <= high:
         raise InputError(
-            f"gap range = [{float(low):g}, {float(high):g}] m: needs two finite gaps above 0 m, "
-            "the smaller first"
+            f"gap range = [{float(low):g}, {float(high):g}] m: must be two gaps above 0 m, the "
+            "smaller first"
         )
     if not 0 < weak <= strong:
         raise InputError(
-            f"ratios = [{float(weak):g}, {float(strong):g}]: beta_c/beta must be positive; allow "
-            "an error of beta below 1"
+            f"ratios = [{float(weak):g}, {float(strong):g}]: beta_c/beta must be above 0, the "
+            "smaller first; allow an error of beta below 1"
         )
-    if len(of.gains) != 4 or len(scale) != len(state_names(of, over.loop)):
-        raise InputError("four gains and one scale for each state are needed")
-
-
-def _held(of: Subject) -> int:
-    """Return how many earlier voltages the loop remembers."""
-    held = of.whole + (of.part > 0)
-    if 4 + held > MOST_STATES:
-        raise InputError(
-            f"delay = {float(of.delay):g} s: certificates are made for at most "
-            f"{MOST_STATES - 4} periods of delay"
-        )
-    return held
 
 
 def _rounded(matrix: Matrix) -> Matrix:
@@ -288,32 +305,37 @@ def _design_gap_program(reading: Equilibrium, voltage_given: bool) -> Program:
     beta = {p.beta_c: at.beta}
     outputs = {
         "gain_squared": at.gain_squared.subs(beta),
-        "C_Y_hat_at": at.C_Y_hat.subs(beta),
-        "C_Y_at": at.C_Y,
+        "C_Y_hat_Y": at.C_Y_hat.subs(beta),
+        "C_Y_true_Y": at.C_Y,
         "fall": at.fall,
     }
     return lower((p.m, p.g, p.C, p.K, p.y0, p.Y, p.U, p.y, cl.ratio), outputs)
 
 
-def _at(of: Subject, gap: Fraction, ratio: Fraction) -> list[Fraction]:
-    """Return (m^2, C_Y^, C_Y'(Y), q)."""
+class _Point(NamedTuple):
+    """m^2, C_Y^, C_Y'(Y) and q of one gap and ratio."""
+
+    gain_squared: Fraction
+    C_Y_hat: Fraction
+    C_Y: Fraction
+    fall: Fraction
+
+
+def _point(of: Subject, gap: Fraction | None = None, ratio: Fraction = Fraction(1)) -> _Point:
+    """Return what a member's matrix is made of; the gap is Y by default."""
     numbers = (of.mass, of.gravity, of.current_gain, of.force_constant, of.gap_offset, of.gap)
     program = _design_gap_program(of.equilibrium, of.voltage is not None)
-    return program.exact(*numbers, of.voltage or Fraction(0), gap, ratio)
-
-
-def _fall(of: Subject, gap: Fraction) -> Fraction:
-    return _at(of, gap, Fraction(1))[3]
-
-
-def _rest(of: Subject) -> Fraction:
-    return _at(of, of.gap, Fraction(1))[2]
+    at = of.gap if gap is None else gap
+    return _Point(*program.exact(*numbers, of.voltage or Fraction(0), at, ratio))
 
 
 def _gain_ends(of: Subject, ratios: tuple[Fraction, Fraction]) -> list[tuple[Fraction, Fraction]]:
     """Return (m, C_Y^) at both ends, m outwards; m falls with the ratio or stays."""
-    weak, strong = (_at(of, of.gap, ratio)[:2] for ratio in ratios)
-    return [(root(weak[0])[1], weak[1]), (root(strong[0])[0], strong[1])]
+    weak, strong = (_point(of, ratio=ratio) for ratio in ratios)
+    return [
+        (root(weak.gain_squared)[1], weak.C_Y_hat),
+        (root(strong.gain_squared)[0], strong.C_Y_hat),
+    ]
 
 
 def root(square: Fraction) -> tuple[Fraction, Fraction]:
@@ -339,12 +361,12 @@ def root(square: Fraction) -> tuple[Fraction, Fraction]:
 
 @cache
 def _continuous_program() -> Program:
-    inputs = (p.rho, p.C_Y_true, p.C_Y_hat, *tan_gpi().gains)
-    return lower(inputs, _entries(cl.continuous_matrix()))
+    inputs = (p.rho, p.C_Y_true, p.C_Y_hat, *law().gains)
+    return lower(inputs, _entries(cl.continuous_matrix(law())))
 
 
 def _continuous(of: Subject, q: Fraction, gain: Fraction, C_Y_hat: Fraction) -> Matrix:
-    values = _continuous_program().exact(gain * q, _rest(of) * q, C_Y_hat, *of.gains)
+    values = _continuous_program().exact(gain * q, _point(of).C_Y * q, C_Y_hat, *of.gains)
     return _matrix(values)
 
 
@@ -365,8 +387,8 @@ class Series:
 
 @cache
 def _sampled_program(method: Method, whole: int, partial: bool) -> Program:
-    inputs = (*cl.HOLD, cl.lag, cl.m_gain, p.C_Y_hat, *tan_gpi().gains, p.T)
-    return lower(inputs, _entries(cl.sampled_matrix(method, whole, partial=partial)))
+    inputs = (*cl.HOLD, cl.lag, cl.m_gain, p.C_Y_hat, *law().gains, p.T)
+    return lower(inputs, _entries(cl.sampled_matrix(method, whole, partial=partial, law=law())))
 
 
 def _sampled(
@@ -376,7 +398,6 @@ def _sampled(
     scale: Sequence[Fraction],
 ) -> tuple[list[Matrix], Fraction]:
     """Return A at every control point and end of m, and the norm of what they miss."""
-    _held(of)
     program = _sampled_program(of.method, of.whole, of.part > 0)
     functions = [*hold_series(of, span[-1]), _decayed(of.gains[3] * of.period)]
     degree = max(len(f.coefficients) for f in functions) - 1
@@ -401,7 +422,7 @@ def _sampled(
 
 def hold_series(of: Subject, q_max: Fraction) -> list[Series]:
     """Return the series of :data:`maglev_design.symbolic.closed_loop.HOLD`, in its order."""
-    period, held, rest = of.period, of.period - of.part, _rest(of)
+    period, held, rest = of.period, of.period - of.part, _point(of).C_Y
     degree = _degree(rest * period**2 * q_max)
 
     def entire(n: int, time: Fraction, factor: Fraction, power: int) -> Series:
@@ -435,7 +456,7 @@ def _degree(x: Fraction) -> int:
     for degree in range(1, HIGHEST_DEGREE + 1):
         if x < (2 * degree + 4) * (2 * degree + 5) and _cut(1, x, degree) <= CUT:
             return degree
-    raise InputError(
+    raise NotEnclosedError(
         "period: the ball falls by more than e^15 within one period at the smallest gap; sample "
         "faster or take larger gaps"
     )

@@ -21,6 +21,7 @@ from maglev_design.certify.exact import Matrix, failing, is_positive_definite
 from maglev_design.certify.family import (
     Claim,
     LoopName,
+    NotEnclosedError,
     Polytope,
     Subject,
     claim,
@@ -64,6 +65,10 @@ class LmiStatus(Enum):
         "not certified: the solver's P fails the check in exact arithmetic, its margin being too "
         "small; narrow the gap range or the error of beta slightly"
     )
+    NOT_ENCLOSED = (
+        "not certified: the loop remembers too many delayed voltages, or the ball moves too far "
+        "within one period, for the family to be enclosed; sample faster or shorten the delay"
+    )
     NO_ANSWER = (
         "not certified: neither Clarabel nor SCS returned a solution; narrow the gap range or the "
         "error of beta, or choose slower poles"
@@ -81,8 +86,9 @@ class LmiCertificate:
     claim : Claim
     status : LmiStatus
     scale : tuple of Fraction
-        S; P belongs to the states S x, all in metres.
+        S; P belongs to the states S x, all in metres. Empty when the family was not enclosed.
     polytope : Polytope
+        Its vertices belong to the states S x, too.
     P : matrix of Fraction or None
     decay : Fraction
         a [1/s]: sqrt(x' S P S x) falls at least as exp(-a t).
@@ -147,12 +153,13 @@ class LmiCertificate:
                 "period": str(of.period) if over.loop == "sampled" else None,
                 "delay": str(of.delay) if over.loop == "sampled" else None,
             },
-            "states": list(state_names(of, over.loop)),
+            "states": list(state_names(of, over.loop)) if self.scale else [],
             "scaling": [str(x) for x in self.scale],
             "vertices": [as_strings(vertex) for vertex in self.polytope.vertices],
             "remainder": str(self.polytope.remainder),
             "P": None if self.P is None else as_strings(self.P),
-            "decay": str(self.decay),
+            "decay": float(self.decay),
+            "decay_exact": str(self.decay),
             "solver": self.solver,
             "largest_beta_error": (
                 None if self.largest_beta_error is None else float(self.largest_beta_error)
@@ -213,9 +220,21 @@ def certify_sampled(
     return found
 
 
+def widest_sampled(
+    design: Design, rig: Rig, *, gap_range: tuple[float, float] | None = None
+) -> LmiCertificate | None:
+    """Return the sampled loop's certificate of the largest error of beta; None where none is.
+
+    The abscissa of `tune --pareto`.
+    """
+    of = subject(design, rig)
+    over = claim(rig, "sampled", Fraction(0), gap_range)
+    return _widest(of, over, attempt(of, over))
+
+
 def _certify(of: Subject, over: Claim, *, bisect: bool) -> LmiCertificate:
     plain = attempt(of, over)
-    if not bisect:
+    if not bisect or plain.status is LmiStatus.NOT_ENCLOSED:
         return plain
     widest = _widest(of, over, plain)
     best = _fastest(plain) if plain.certified else plain
@@ -226,8 +245,12 @@ def _certify(of: Subject, over: Claim, *, bisect: bool) -> LmiCertificate:
 
 def attempt(of: Subject, over: Claim, decay: Fraction = Fraction(0)) -> LmiCertificate:
     """Return the certificate of a claim with at least the given decay, found or refused."""
-    scale = scaling(of, over.loop)
-    start = LmiCertificate(of, over, LmiStatus.NO_ANSWER, scale, enclose(of, over, scale))
+    try:
+        scale = scaling(of, over.loop)
+        around = enclose(of, over, scale)
+    except NotEnclosedError:
+        return LmiCertificate(of, over, LmiStatus.NOT_ENCLOSED, (), Polytope((), Fraction(0)))
+    start = LmiCertificate(of, over, LmiStatus.NO_ANSWER, scale, around)
     return _solved(start, decay)
 
 
@@ -320,6 +343,8 @@ def _widest(of: Subject, over: Claim, known: LmiCertificate) -> LmiCertificate |
     u = over.ratios[1] - 1
     if known.certified:
         return _bisected(known, BETA_STEPS, at, int(u * BETA_STEPS))
+    if u == 0:
+        return None
     centre = at(0)
     return _bisected(centre, int(u * BETA_STEPS) + 1, at) if centre.certified else None
 
