@@ -472,7 +472,7 @@ def _decayed(x: Fraction) -> Series:
     if x >= 64:  # exp(-x) < 2^-64
         return Series((Fraction(0),), Fraction(1, GRID))
     below, term, k = Fraction(1), Fraction(1), 0
-    while k < 2 * x or term > CUT:
+    while k < 2 * x or term * GRID > 1:
         k += 1
         term *= x / k
         below += term
