@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy as sp
-from mpmath import mp
+from mpmath import mp  # type: ignore[import-untyped]
 from rigs import MINIMAL, OFFSET, SHORT, rig_with
 
 from maglev_design.certify import family as families
@@ -120,12 +120,13 @@ def test_every_member_is_in_the_polytope_up_to_the_remainder(
             mp.matrix([[wide(x) for x in row] for row in vertex]) for vertex in around.vertices
         ]
         degree = len(vertices) // columns - 1
-        for _ in range(3):
-            t, s = (Fraction(int(x), 1000) for x in generator.integers(0, 1001, 2))
+        shares = [(0, 0), (1000, 1000), *generator.integers(0, 1001, (2, 2)).tolist()]
+        for t, s in ((Fraction(a, 1000), Fraction(b, 1000)) for a, b in shares):
             gap = over.gaps[0] + t * (over.gaps[1] - over.gaps[0])
             ratio = over.ratios[0] + s * (over.ratios[1] - over.ratios[0])
             true, m, q = member(of, over, gap, ratio)
             x, y = (q - q_1) / (q_2 - q_1), (m - weak) / (strong - weak) if columns == 2 else 0
+            assert max(-x, x - 1, -y, y - 1) < mp.mpf(10) ** (5 - DIGITS)
             hull = mp.zeros(len(true))
             for i in range(degree + 1):
                 share = math.comb(degree, i) * x**i * (1 - x) ** (degree - i)

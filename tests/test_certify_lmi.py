@@ -280,4 +280,4 @@ def test_the_document_is_plain_data_with_exact_numbers(paper: tuple[LmiCertifica
 
 def test_states_are_scaled_to_metres() -> None:
     of = subject(designed(PAPER), PAPER)
-    assert scaling(of, "continuous") == (1, Fraction(1, 70), 70, 70)
+    assert [str(x) for x in scaling(of, "continuous")] == ["1", "1/70", "70", "70"]
