@@ -14,7 +14,7 @@ import pytest
 
 from maglev_design.certify import check, write
 from maglev_design.certify.certificate import LONGEST_NUMBER, document
-from maglev_design.certify.family import enclose
+from maglev_design.certify.enclosure import enclose
 from maglev_design.certify.lmi import LmiCertificate, certify_family
 from maglev_design.design import PoleSpec, make_design
 from maglev_design.errors import InputError

@@ -184,6 +184,25 @@ def test_no_start_on_the_boundary_grows_under_any_change_of_gap(
             before = now
 
 
+def test_the_continuous_loop_survives_any_change_of_gap_and_ratio(
+    paper: tuple[LmiCertificate, ...],
+) -> None:
+    """From the boundary of the widest certificate, members of its family taking turns."""
+    found = paper[0].widest
+    assert found is not None
+    P, generator = lyapunov_matrix(found), np.random.default_rng(19)
+    members = scaled_members(found, designed(PAPER), PAPER, count=16)
+    steps = [expm(A * span) for A in members for span in (1e-4, 3e-3, 0.05)]
+    directions = generator.normal(size=(4, 50))
+    x = np.linalg.cholesky(np.linalg.inv(P)) @ (directions / np.linalg.norm(directions, axis=0))
+    before = np.ones(50)
+    for _ in range(200):
+        x = steps[generator.integers(len(steps))] @ x
+        now = np.einsum("ik,ij,jk->k", x, P, x)
+        assert (now < before).all()
+        before = now
+
+
 def test_the_tuned_design_is_certified_for_both_loops() -> None:
     found = certify_family(designed(PAPER, 1.1371, 107.346), PAPER, bisect=False)
     assert [c.status for c in found] == [LmiStatus.CERTIFIED] * 2

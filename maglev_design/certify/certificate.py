@@ -18,8 +18,9 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any, TypeVar
 
+from maglev_design.certify.enclosure import enclose
 from maglev_design.certify.exact import failing, is_positive_definite
-from maglev_design.certify.family import Claim, Subject, enclose, state_names
+from maglev_design.certify.family import Claim, Subject, state_names
 from maglev_design.certify.lmi import LOOPS, LmiCertificate, as_strings
 from maglev_design.choices import EQUILIBRIA, METHODS, SCHEMA_VERSION
 from maglev_design.errors import InputError

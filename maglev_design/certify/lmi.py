@@ -17,16 +17,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maglev_design.certify.enclosure import Polytope, enclose
 from maglev_design.certify.exact import Matrix, failing, is_positive_definite
 from maglev_design.certify.family import (
     Claim,
     LoopName,
     NotEnclosedError,
-    Polytope,
     Subject,
     claim,
     decimal,
-    enclose,
     scaling,
     state_names,
     subject,
@@ -57,9 +56,9 @@ class LmiStatus(Enum):
         "the error of beta, or change the poles"
     )
     INFEASIBLE = (
-        "not certified: no single quadratic function decreases on the whole family, though every "
-        "vertex is stable; narrow the gap range or the error of beta (the loop may still be stable "
-        "at each fixed gap: see the exact interval)"
+        "not certified: every vertex is stable, but the solver finds no single quadratic function "
+        "that decreases on the whole family; narrow the gap range or the error of beta (at each "
+        "fixed gap the loop may be stable all the same: see the exact interval)"
     )
     ROUNDED_AWAY = (
         "not certified: the solver's P fails the check in exact arithmetic, its margin being too "
