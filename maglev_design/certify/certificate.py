@@ -18,8 +18,8 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any, TypeVar
 
-from maglev_design.certify.enclosure import enclose
-from maglev_design.certify.exact import failing, is_positive_definite
+from maglev_design.certify.enclosure import Polytope, enclose
+from maglev_design.certify.exact import Matrix, failing, is_positive_definite
 from maglev_design.certify.family import Claim, Subject, state_names
 from maglev_design.certify.lmi import LOOPS, LmiCertificate, as_strings
 from maglev_design.choices import EQUILIBRIA, METHODS, SCHEMA_VERSION
@@ -29,7 +29,7 @@ from maglev_design.files import digest, read_document, write_bytes
 KIND = "maglev-design-certificate"
 LARGEST_DOCUMENT = 5_000_000
 """[bytes]"""
-MOST_CERTIFICATES = 16
+MOST_CERTIFICATES = 8
 LONGEST_NUMBER = 200
 """Characters of one rational."""
 SIZES = (Fraction(1, 10**40), Fraction(10**30))
@@ -167,14 +167,9 @@ def _checked(of: Subject, entry: Any, where: str) -> list[Check]:
     listed = [as_strings(vertex) for vertex in polytope.vertices]
     label = f"{where} {loop}"
     period = of.period if loop == "sampled" else None
-    bad = failing(polytope.vertices, P, decay=decay, remainder=polytope.remainder, period=period)
     same = entry.get("vertices") == listed and entry.get("remainder") == str(polytope.remainder)
     return [
-        Check(
-            f"{label}: states",
-            entry.get("states") == names,
-            ", ".join(names),
-        ),
+        Check(f"{label}: states", entry.get("states") == names, ", ".join(names)),
         Check(
             f"{label}: vertices",
             same,
@@ -183,16 +178,29 @@ def _checked(of: Subject, entry: Any, where: str) -> list[Check]:
         Check(
             f"{label}: P > 0",
             is_positive_definite(P),
-            "every pivot of L D L' over the rationals",
+            "every pivot of L D L' must be positive",
         ),
-        Check(
-            f"{label}: decrease",
-            decay >= 0 and not bad,
-            f"V falls at every vertex, with a decay of {float(decay):.6g} 1/s"
-            if not bad
-            else f"fails at vertex {', '.join(map(str, bad))}",
-        ),
+        _decrease(f"{label}: decrease", same, polytope, P, decay, period),
     ]
+
+
+def _decrease(
+    name: str,
+    looked_at: bool,
+    polytope: Polytope,
+    P: Matrix,
+    decay: Fraction,
+    period: Fraction | None,
+) -> Check:
+    """Return the check of the inequality; not worth its time for vertices of another family."""
+    if not looked_at:
+        return Check(name, False, "not looked at: the listed vertices are not the family's")
+    if decay < 0:
+        return Check(name, False, "the claimed decay is negative")
+    bad = failing(polytope.vertices, P, decay=decay, remainder=polytope.remainder, period=period)
+    if bad:
+        return Check(name, False, f"V does not fall at vertex {', '.join(map(str, bad))}")
+    return Check(name, True, f"V falls at every vertex, with a decay of {float(decay):.6g} 1/s")
 
 
 def _subject(data: dict[str, Any]) -> Subject:
