@@ -1,10 +1,14 @@
-"""Writing without losing anything: beside the target first, then renamed; folders with a mark."""
+"""Writing without losing anything, folders with a mark, and documents that are whole."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from maglev_design.errors import InputError
 
@@ -59,3 +63,37 @@ def output_folder(path: Path, *, force: bool) -> Path:
     if not (path / MARK).exists():
         write_bytes(path / MARK, b"maglev-design writes here\n")
     return path
+
+
+def digest(document: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of a JSON document, whatever its layout, without its key ``sha256``.
+
+    Raises
+    ------
+    ValueError
+        For a number that is not finite.
+    """
+    body = {key: value for key, value in document.items() if key != "sha256"}
+    text = json.dumps(body, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def read_document(path: Path, kind: str, largest: int) -> dict[str, Any]:
+    """Return the JSON table of a file of at most `largest` bytes that should be `kind`.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read or is something else.
+    """
+    try:
+        if path.stat().st_size > largest:
+            raise InputError(f"{path}: larger than {largest} bytes, not {kind}")
+        document = json.loads(path.read_bytes().decode("utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    except (UnicodeDecodeError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not {kind} (not valid JSON)") from error
+    if not isinstance(document, dict):
+        raise InputError(f"{path}: not {kind} (a table is needed)")
+    return document

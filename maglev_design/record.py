@@ -6,7 +6,6 @@ show. Neither holds a time, a path or a name of a machine: the same inputs give 
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 import math
@@ -26,7 +25,7 @@ from maglev_design import __version__
 from maglev_design.choices import EQUILIBRIA, METHODS, SCHEMA_VERSION
 from maglev_design.design import PAPER_POLES, Design, PoleSpec, make_design
 from maglev_design.errors import InputError
-from maglev_design.files import write_bytes
+from maglev_design.files import digest, read_document, write_bytes
 from maglev_design.parameters import Rig, make_rig
 from maglev_design.plain import finite
 from maglev_design.simulate import simulate
@@ -140,15 +139,9 @@ def _curves(result: TuneResult) -> dict[str, NDArray[np.float64]]:
     return curves
 
 
-def _digest(document: Mapping[str, Any]) -> str:
-    body = {key: value for key, value in document.items() if key != "sha256"}
-    text = json.dumps(body, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
 def save(record: DesignRecord, folder: Path) -> tuple[Path, ...]:
     """Write ``design.json`` and ``design.npz`` into `folder`; return their paths."""
-    document = record.document | {"sha256": _digest(record.document)}
+    document = record.document | {"sha256": digest(record.document)}
     text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     buffer = io.BytesIO()
     np.savez_compressed(buffer, allow_pickle=False, **record.curves)
@@ -169,9 +162,9 @@ def load(path: Path) -> DesignRecord:
     """
     if path.is_dir():
         path = path / "design.json"
-    document = _read(path)
+    document = read_document(path, "a design record", LARGEST_RECORD)
     try:
-        digest = _digest(document)
+        whole = digest(document)
     except ValueError as error:
         raise InputError(f"{path}: not a design record (a number that is not finite)") from error
     if document.get("kind") != KIND:
@@ -182,7 +175,7 @@ def load(path: Path) -> DesignRecord:
             f"{path}: schema_version = {version!r}: this program reads {SCHEMA_VERSION}; "
             "tune again to write a new record"
         )
-    if document.get("sha256") != digest:
+    if document.get("sha256") != whole:
         raise InputError(
             f"{path}: damaged or edited: its content does not match its sha256; tune again, or "
             "change the rig file and not the result"
@@ -204,20 +197,6 @@ def _read_curves(path: Path) -> Curves:
             return {name: archive[name] for name in archive.files}
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
         raise InputError(f"{path}: damaged, not the curves of a design record") from error
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        if path.stat().st_size > LARGEST_RECORD:
-            raise InputError(f"{path}: larger than {LARGEST_RECORD} bytes, not a design record")
-        document = json.loads(path.read_bytes().decode("utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    except (UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: not a design record (not valid JSON)") from error
-    if not isinstance(document, dict):
-        raise InputError(f"{path}: not a design record (a table is needed)")
-    return document
 
 
 def _design(rig: Rig, data: Mapping[str, Any], path: Path) -> Design:

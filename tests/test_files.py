@@ -6,11 +6,47 @@ from pathlib import Path
 import pytest
 
 from maglev_design.errors import InputError
-from maglev_design.files import MARK, output_folder, write_bytes
+from maglev_design.files import MARK, digest, output_folder, read_document, write_bytes
 
 
 def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
+
+
+# --- documents -----------------------------------------------------------------------------
+
+
+def test_a_digest_does_not_depend_on_the_layout_or_on_itself() -> None:
+    document = {"b": [1, 2.5, None], "a": "x"}
+    assert digest(document) == digest({"a": "x", "b": [1, 2.5, None], "sha256": "any"})
+    assert digest(document) != digest({"a": "y", "b": [1, 2.5, None]})
+
+
+def test_a_digest_of_what_is_not_finite_is_refused() -> None:
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        digest({"a": float("inf")})
+
+
+def test_a_document_is_read_as_a_table(tmp_path: Path) -> None:
+    (tmp_path / "a.json").write_text('{"a": [1]}', encoding="utf-8")
+    assert read_document(tmp_path / "a.json", "a test", 100) == {"a": [1]}
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"[1]", "a table is needed"),
+        (b"{", "not valid JSON"),
+        (b"\xff", "not valid JSON"),
+        (b"[" * 90_000, "not valid JSON"),
+        (b" " * 100_001, "larger than 100000 bytes"),
+    ],
+    ids=["list", "cut", "not text", "deep", "large"],
+)
+def test_what_is_no_document_is_refused(tmp_path: Path, content: bytes, message: str) -> None:
+    (tmp_path / "a.json").write_bytes(content)
+    with pytest.raises(InputError, match=message):
+        read_document(tmp_path / "a.json", "a test", 100_000)
 
 
 # --- files ---------------------------------------------------------------------------------

@@ -460,3 +460,24 @@ def test_a_scalar_program_cannot_reach_beyond_its_text(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="cannot name a variable"):
         lower([sp.Symbol(name)], {"out": sp.Integer(1)}).scalar()
     assert not trap.exists()
+
+
+# --- rational arithmetic -------------------------------------------------------------------
+
+
+def test_a_program_is_evaluated_exactly_over_the_rationals() -> None:
+    expression = (a**3 - 2 * b) / (3 * a + c) - sp.Rational(1, 4) * b**-2
+    program = lower(SYMBOLS, {"x": expression, "one": sp.Integer(1)})
+    values = Fraction(1, 3), Fraction(-7, 5), Fraction(2, 11)
+    exact = expression.subs(dict(zip(SYMBOLS, map(sp.Rational, values), strict=True)))
+    assert program.exact(*values) == [Fraction(int(exact.p), int(exact.q)), Fraction(1)]
+
+
+def test_a_constant_that_may_be_rounded_is_refused() -> None:
+    with pytest.raises(ValueError, match="may have been rounded"):
+        lower(SYMBOLS, {"x": a * sp.Rational(2, 3)}).exact(*[Fraction(1)] * 3)
+
+
+def test_an_operation_that_leaves_the_rationals_is_refused() -> None:
+    with pytest.raises(ValueError, match="sqrt leaves the rationals"):
+        lower(SYMBOLS, {"x": sp.sqrt(a**2 + 1)}).exact(*[Fraction(1)] * 3)

@@ -81,6 +81,23 @@ class Program:
         """Return a callable for scalars and broadcasting arrays."""
         return lambda *values: self.evaluate(_NUMPY_OPERATORS, *values)
 
+    def exact(self, *values: Fraction) -> list[Fraction]:
+        """Return the outputs in rational arithmetic, nothing rounded.
+
+        Raises
+        ------
+        ValueError
+            When a constant of the program is not an integer over a small power of two, so that it
+            may be a rounded one, or an operation leaves the rationals.
+        ZeroDivisionError
+        """
+        for operation in self.operations:
+            if not (operation.constant * _DYADIC).is_integer():
+                raise ValueError(f"the constant {operation.constant!r} may have been rounded")
+            if operation.name not in ("input", "const", *_EXACT_OPERATORS):
+                raise ValueError(f"{operation.name} leaves the rationals")
+        return [Fraction(value) for value in self.evaluate(_EXACT_OPERATORS, *values)]
+
     def scalar(self) -> Callable[..., tuple[float, ...]]:
         """Return a fast callable for plain floats, compiled once from :meth:`source` text."""
         return self._scalar
@@ -194,6 +211,18 @@ _NUMPY_OPERATORS: Mapping[str, Callable[..., Any]] = {
     "and": np.logical_and,
     "or": np.logical_or,
     "where": np.where,
+}
+
+
+_DYADIC = 2**10
+"""Denominators of the constants that double precision certainly holds exactly."""
+
+_EXACT_OPERATORS: Mapping[str, Callable[..., Any]] = {
+    "add": lambda a, b: Fraction(a) + Fraction(b),
+    "sub": lambda a, b: Fraction(a) - Fraction(b),
+    "mul": lambda a, b: Fraction(a) * Fraction(b),
+    "div": lambda a, b: Fraction(a) / Fraction(b),
+    "neg": lambda a: -Fraction(a),
 }
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from maglev_design.loop import Family, Loop
+if TYPE_CHECKING:  # a certificate is checked without CasADi, which these bring
+    from maglev_design.loop import Family, Loop
 
 
 @dataclass(frozen=True)
