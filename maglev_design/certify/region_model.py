@@ -43,6 +43,8 @@ PRECISION = 2**48
 """Bounds of square roots are multiples of the root's size over this."""
 
 q = Symbol("q", real=True)
+x = Symbol("x", real=True)
+"""Gap error over r + y0."""
 share = Symbol("share", real=True)
 """Applied voltage over the voltage at rest."""
 
@@ -126,20 +128,10 @@ class Deviation:
         """Number n of states."""
         return len(self.names)
 
-    def force(self, e: Any, ratio: Any, operators: Mapping[str, Callable[..., Any]]) -> list[Any]:
-        """Return phi and its derivatives by e and by the share of u_eq that is applied.
-
-        Parameters
-        ----------
-        e : number or array
-            [m]
-        ratio : number or array
-            Applied voltage over u_eq [-].
-        operators
-            :data:`EXACT` for fractions.
-        """
-        known = (self.gravity, self.gap, self.offset)
-        return force_program().evaluate(operators, *known, self.gap + e, ratio)
+    @property
+    def distance(self) -> Fraction:
+        """r + y0, the unit of e in the force [m]."""
+        return self.gap + self.offset
 
     def start(self, e: Any, v: Any, rest: Any) -> list[Any]:
         """Return z(0) for the errors e [m] and v [m/s], the law's states at zero."""
@@ -149,16 +141,17 @@ class Deviation:
 
 @cache
 def force_program() -> Program:
-    """Return the program (g, Y, y0, y, share) -> phi, dphi/dy, dphi/dshare.
+    """Return the program (x, share) -> phi/g and its derivatives by x and by share.
 
-    The plant (4) with the beta that makes u_eq its voltage at rest at Y, and u = share u_eq; u_eq
-    itself cancels.
+    The plant (4) at y + y0 = (r + y0)(1 + x) with the beta that makes u_eq its voltage at rest at
+    r, and u = share u_eq: phi/g = 1 - share^2/(1 + x)^2, in which nothing of the rig is left.
     """
     plant = p.magnetic_levitation()
     (beta,) = sp.solve(plant.acceleration.subs({p.y: p.Y, p.u: p.U}), p.beta)
-    force = plant.acceleration.subs({p.beta: beta, p.u: share * p.U})
-    outputs = {"phi": force, "phi_gap": sp.diff(force, p.y), "phi_share": sp.diff(force, share)}
-    return lower((p.g, p.Y, p.y0, p.y, share), outputs)
+    moved = {p.y: (p.Y + p.y0) * (1 + x) - p.y0, p.u: share * p.U, p.beta: sp.factor(beta)}
+    force = sp.expand_mul(plant.acceleration.subs(moved) / p.g)
+    outputs = {"phi": force, "phi_x": sp.diff(force, x), "phi_share": sp.diff(force, share)}
+    return lower((x, share), outputs)
 
 
 def deviation(

@@ -31,7 +31,15 @@ from typing import NamedTuple
 import numpy as np
 from sympy import Matrix, Rational, diag, eye
 
-from maglev_design.certify.region_model import EXACT, V_ROW, Deviation, root_above
+from maglev_design.certify.region_model import (
+    E_ROW,
+    EXACT,
+    Q_ROW,
+    V_ROW,
+    Deviation,
+    force_program,
+    root_above,
+)
 
 SMALLEST_CELL = Fraction(1, 2**12)
 """Side at which a cell is given up, as a share of the set's extent."""
@@ -39,7 +47,7 @@ MOST_CELLS = 60_000
 """Cells after which a proof is given up."""
 MULTIPLIERS = (0, *(k * Fraction(2) ** n for n in range(-4, 8) for k in (2, 3)))
 """Values of lambda tried, in units of the pace handed in."""
-GRAIN, EXTENT_GRAIN = Fraction(1, 2**44), Fraction(1, 2**26)
+GRAIN, EXTENT_GRAIN = Fraction(1, 2**40), Fraction(1, 2**16)
 """What bounds of shares, of phi/g and its slopes, and of the extents are rounded to, outward."""
 DIGITS = 36
 """Binary digits kept of the entries of S, relative to the largest, rounded upward as a form."""
@@ -110,16 +118,21 @@ class Cell(NamedTuple):
         return self._replace(high=b), self._replace(low=b)
 
 
-class Slopes(NamedTuple):
-    """phi/g on a cell: mid value at the centre, slopes as intervals, and what the mids leave over.
+class Force(NamedTuple):
+    """phi/g on a cell: bounds at its centre, and of its slopes in units of the extents.
 
     phi/g = middle + a (e - e_c) + b (q - q_c) + r with a, b the mids of the slopes and |r| <= rest.
     """
 
-    middle: Fraction
+    centre: tuple[Fraction, Fraction]
     by_e: tuple[Fraction, Fraction]
     by_q: tuple[Fraction, Fraction]
     rest: Fraction
+
+    @property
+    def middle(self) -> Fraction:
+        """Mid value at the centre."""
+        return sum(self.centre, Fraction(0)) / 2
 
 
 Form = tuple[tuple[Fraction, ...], ...]
@@ -146,8 +159,11 @@ def check(model: Deviation, P: Matrix, level: Fraction, pace: Fraction) -> Check
         row = Matrix([[_rational(x) for x in limit.row]])
         if _fraction((row * inverse * row.T)[0]) >= limit.margin**2:
             return Check(Verdict.LIMIT, limit=limit.name)
-    E, Q = (_up(root_above(_fraction(inverse[n, n])), EXTENT_GRAIN) for n in (0, 1))
-    plane = _Plane(model, P, (E, Q), pace)
+    E, Q = (root_above(_fraction(inverse[n, n])) for n in (E_ROW, Q_ROW))
+    extents = _up(E / model.distance, EXTENT_GRAIN), _up(Q, EXTENT_GRAIN)
+    if extents[0] >= 1:
+        return Check(Verdict.LIMIT, limit="gap")
+    plane = _Plane(model, P, extents, pace)
     if not plane.falls_at_centre():
         return Check(Verdict.NOT_FALLING, place=(0.0, 0.0))
     return _cover(plane)
@@ -162,12 +178,13 @@ def _cover(plane: _Plane) -> Check:
         if plane.outside(cell):
             shown += 1
             continue
-        slopes = plane.slopes(cell)
-        if plane.falls(cell, slopes):
+        force = plane.force(cell)
+        if plane.falls(cell, force):
             shown += 1
-        elif min(cell.radii) < SMALLEST_CELL or shown > MOST_CELLS or plane.hopeless(cell, slopes):
+        elif min(cell.radii) < SMALLEST_CELL or shown > MOST_CELLS or plane.hopeless(cell, force):
             a, b = cell.centre
-            place = float(a * plane.extents[0]), float(b * plane.extents[1])
+            X, Q = plane.extents
+            place = float(a * X * plane.model.distance), float(b * Q)
             return Check(Verdict.NOT_FALLING, shown, place=place)
         else:
             waiting.extend(cell.halves())
@@ -176,7 +193,10 @@ def _cover(plane: _Plane) -> Check:
 
 @dataclass(frozen=True)
 class _Plane:
-    """The scalar inequality G(e, q) < 0 on {V <= 1}, in units of the extents of e and q."""
+    """The scalar inequality G(e, q) < 0 on {V <= 1}.
+
+    `extents` are those of e/(r + y0) and of q [V], short numbers; cells are in their units.
+    """
 
     model: Deviation
     P: Matrix
@@ -210,7 +230,8 @@ class _Plane:
 
     @property
     def _units(self) -> Matrix:
-        return diag(*[_rational(x) for x in self.extents])
+        X, Q = self.extents
+        return diag(_rational(X * self.model.distance), _rational(Q))
 
     def _quadratic(self, A: Matrix, multiplier: Rational) -> Matrix:
         """Return V' - lambda V as a form in (e, q, phi, f)."""
@@ -266,22 +287,23 @@ class _Plane:
             lower, upper = min(lower, u_high / most), min(upper, u_high / least)
         return _down(lower), _up(upper)
 
-    def slopes(self, cell: Cell) -> Slopes:
+    def force(self, cell: Cell) -> Force:
         """Return phi/g on a cell.
 
         phi rises with e and falls with the share, dphi/de falls with e and rises with the share,
         dphi/dshare falls with the share and rises with e: bounds are values at corners.
         """
-        E, Q = self.extents
+        X, Q = self.extents
         a, b = cell.centre
         half_a, half_b = cell.radii
-        g, (least, most) = self.model.gravity, self.model.rest
+        least, most = self.model.rest
+        program = force_program()
         small, large = self.shares(b * Q, b * Q)
-        first = self.model.force(a * E, large, EXACT)[0] / g
-        last = self.model.force(a * E, small, EXACT)[0] / g
+        first = program.evaluate(EXACT, a * X, large)[0]
+        last = program.evaluate(EXACT, a * X, small)[0]
         small, large = self.shares(cell.low * Q, cell.high * Q)
-        _, steep, strong = self.model.force(cell.left * E, large, EXACT)
-        _, flat, weak = self.model.force(cell.right * E, small, EXACT)
+        _, steep, strong = program.evaluate(EXACT, cell.left * X, large)
+        _, flat, weak = program.evaluate(EXACT, cell.right * X, small)
         u_low, u_high = self.model.actuator
         free = (u_low is None or least + cell.low * Q >= u_low) and (
             u_high is None or most + cell.high * Q <= u_high
@@ -289,35 +311,35 @@ class _Plane:
         held = (u_low is not None and most + cell.high * Q <= u_low) or (
             u_high is not None and least + cell.low * Q >= u_high
         )
-        by_e = _down(flat * E / g), _up(steep * E / g)
+        by_e = _down(flat * X), _up(steep * X)
         by_q = (
-            _down(Fraction(0) if held else strong * Q / (g * least)),
-            _up(weak * Q / (g * most) if free else Fraction(0)),
+            _down(Fraction(0) if held else strong * Q / least),
+            _up(weak * Q / most if free else Fraction(0)),
         )
         low, high = _down(first), _up(last)
         spread = (by_e[1] - by_e[0]) * half_a + (by_q[1] - by_q[0]) * half_b
-        return Slopes((low + high) / 2, by_e, by_q, (high - low + spread) / 2)
+        return Force((low, high), by_e, by_q, (high - low + spread) / 2)
 
-    def falls(self, cell: Cell, slopes: Slopes) -> bool:
+    def falls(self, cell: Cell, force: Force) -> bool:
         """Return whether G < 0 is shown on the whole cell."""
         if cell.holds_origin():
-            return all(_negative(self.forms[mode][0], slopes) for mode in self.modes(cell))
-        return all(self._bound(cell, slopes, mode) < 0 for mode in self.modes(cell))
+            return all(_negative(self.forms[mode][0], force) for mode in self.modes(cell))
+        return all(self._bound(cell, force, mode) < 0 for mode in self.modes(cell))
 
-    def _values(self, cell: Cell, slopes: Slopes) -> np.ndarray:
-        """Return G at the centre for both modes and every multiplier, in floats."""
-        s = np.array([*cell.centre, slopes.middle], dtype=float)
-        return self.floats @ s @ s + self.lambdas
+    def _values(self, cell: Cell, force: Force) -> np.ndarray:
+        """Return the largest G at the centre for both modes and every multiplier, in floats."""
+        ends = [np.array([*cell.centre, phi], dtype=float) for phi in force.centre]
+        return np.maximum(*[self.floats @ s @ s for s in ends]) + self.lambdas
 
-    def _bound(self, cell: Cell, slopes: Slopes, mode: int) -> Fraction:
+    def _bound(self, cell: Cell, force: Force, mode: int) -> Fraction:
         """Return an upper bound of G on the cell."""
-        pick = int(np.argmin(self._values(cell, slopes)[mode]))
+        pick = int(np.argmin(self._values(cell, force)[mode]))
         S, multiplier = self.forms[mode][pick], MULTIPLIERS[pick] * self.pace
-        s = (*cell.centre, slopes.middle)
+        s = (*cell.centre, force.middle)
         half_a, half_b = cell.radii
-        rest = slopes.rest
+        rest = force.rest
         Ss = [sum((x * y for x, y in zip(row, s, strict=True)), Fraction(0)) for row in S]
-        a, b = sum(slopes.by_e) / 2, sum(slopes.by_q) / 2
+        a, b = sum(force.by_e) / 2, sum(force.by_q) / 2
         along_a, along_b = S[0][2] + a * S[2][2], S[1][2] + b * S[2][2]
         first = abs(Ss[0] + a * Ss[2]) * half_a + abs(Ss[1] + b * Ss[2]) * half_b
         mixed = S[0][1] + b * S[0][2] + a * along_b
@@ -332,21 +354,21 @@ class _Plane:
         at_centre = sum((x * y for x, y in zip(s, Ss, strict=True)), multiplier)
         return at_centre + 2 * first + second + left_over
 
-    def hopeless(self, cell: Cell, slopes: Slopes) -> bool:
+    def hopeless(self, cell: Cell, force: Force) -> bool:
         """Return whether G is positive at the centre, inside the set, whatever the multiplier."""
         a, b = cell.centre
         point = Cell(a, a, b, b)
         s = np.array(cell.centre, dtype=float)
         inside = 0 < s @ np.array(self.shadow, dtype=float) @ s < 1
-        values = self._values(cell, slopes)
+        values = self._values(cell, force)
         return bool(inside and any(values[mode].min() > 0 for mode in self.modes(point)))
 
 
-def _negative(S: Form, slopes: Slopes) -> bool:
+def _negative(S: Form, force: Force) -> bool:
     """Return whether s'S s < 0 for s = (e, q, a e + b q) but at 0, for all slopes in their box."""
     return all(
         aa < 0 and aa * bb > ab**2
-        for aa, ab, bb in (_restricted(S, a, b) for a, b in product(slopes.by_e, slopes.by_q))
+        for aa, ab, bb in (_restricted(S, a, b) for a, b in product(force.by_e, force.by_q))
     )
 
 

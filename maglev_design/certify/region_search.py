@@ -22,7 +22,7 @@ from maglev_design.certify.region_model import V_ROW, Deviation, force_program
 
 Array = NDArray[np.float64]
 
-ROUNDS, PATIENCE = 40, 8
+ROUNDS, PATIENCE = 40, 5
 """Programmes solved at most, and without a better set before the search ends."""
 GROWTH = 1.3
 """Factor between a solution's projection and the next ellipse."""
@@ -37,7 +37,7 @@ Zero at the rest, where V' vanishes, and large at the ellipse's edge, beyond whi
 """
 CENTRE = 0.02
 """Radius in the ellipse below which lambda is zero."""
-DIRECTIONS, RINGS = 24, (CENTRE, 0.2, 0.4, 0.6, 0.8, 1.0)
+DIRECTIONS, RINGS = 20, (CENTRE, 0.25, 0.5, 0.75, 1.0)
 """Points of a programme."""
 JUDGED, JUDGED_RINGS = 72, (CENTRE, *np.linspace(0.1, 1.0, 15))
 """Points at which a solution is judged."""
@@ -125,23 +125,20 @@ class _Scaled:
         for rest in dict.fromkeys(float(x) for x in self.model.rest):
             share = np.clip(1 + q / rest, max(low, 0.0) / rest, high / rest)
             frozen = ((rest + q > high) & (e > 0)) | ((rest + q < low) & (e < 0))
-            found.append((_force(self.model, e, share)[0], frozen))
+            phi, *_ = force_program().numpy()(e / float(self.model.distance), share)
+            found.append((float(self.model.gravity) * phi, frozen))
         return found
-
-
-def _force(model: Deviation, e: Any, share: Any) -> list[Any]:
-    known = (float(x) for x in (model.gravity, model.gap, model.offset))
-    return force_program().numpy()(*known, float(model.gap) + e, share)
 
 
 def _scaled(model: Deviation) -> _Scaled:
     running, frozen = (np.array(A, dtype=float) for A in (model.running, model.frozen))
     rests = [float(x) for x in model.rest]
-    _, by_gap, by_share = _force(model, 0.0, 1.0)
+    gravity, distance = float(model.gravity), float(model.distance)
+    _, by_x, by_share = force_program().numpy()(0.0, 1.0)
     linear = running.copy()
-    linear[V_ROW, :2] += by_gap, by_share / rests[0]
+    linear[V_ROW, :2] += gravity * by_x / distance, gravity * by_share / rests[0]
     poles = np.linalg.eigvals(linear)
-    e = FIRST * float(model.gap + model.offset)
+    e = FIRST * distance
     speed, slope = float(np.abs(poles).max()), float(model.slope)
     lags = [e / abs(running[n, n]) for n in range(V_ROW + 1, model.order)]
     sizes = np.array([e, abs(slope) * e, speed * e, *lags])
@@ -262,12 +259,13 @@ def _level(
 
     def allowed(level: float) -> bool:
         points = unit * level**0.5
-        for phi, frozen in loop.ends(points):
+        worst = np.full((len(points), len(multipliers)), -np.inf)
+        for phi, frozen in loop.ends(points):  # one multiplier for both ends, as in the proof
             s = np.column_stack([points, phi])
-            values = np.einsum("ni,mkij,nj->mnk", s, forms, s) + multipliers * level
-            if (np.where(frozen[:, None], *values).min(axis=1) >= 0).any():
-                return False
-        return True
+            products = (s[:, :, None] * s[:, None, :]).reshape(-1, 9)
+            values = products @ forms.reshape(2, -1, 9).swapaxes(1, 2) + multipliers * level
+            worst = np.maximum(worst, np.where(frozen[:, None], *values))
+        return bool((worst.min(axis=1) < 0).all())
 
     inverse = np.linalg.inv(P)
     high = min([4.0, *[1 / float(row @ inverse @ row) for row in loop.limits]])
