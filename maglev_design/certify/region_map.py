@@ -153,7 +153,9 @@ def contradictions(region: Region, simulated: RegionMap) -> tuple[tuple[float, f
     if not same or not low <= Fraction(repr(simulated.ratio)) <= high:
         raise ValueError("the region and the map are not of the same loop")
     rows, columns = np.nonzero(~simulated.survived)
-    dead = ((float(simulated.e[j]), float(simulated.v[i])) for i, j in zip(rows, columns, strict=True))
+    dead = (
+        (float(simulated.e[j]), float(simulated.v[i])) for i, j in zip(rows, columns, strict=True)
+    )
     return tuple(point for point in dead if region.contains(*point))
 
 

@@ -103,8 +103,8 @@ class Deviation:
         r [m], y0 [m] and g [m/s^2].
     rest : tuple of Fraction
         Interval of u_eq [V]; it contains the true value for every ratio of the claim.
-    actuator : tuple of Fraction or None
-        Range of the clamp [V]; None where it does not end.
+    actuator : tuple of Fraction
+        Range of the clamp [V], from zero or more; its upper end is None where it has none.
     feedforward, slope : Fraction
         U_r [V] and k = du/de [V/m].
     limits : tuple of Limit
@@ -118,7 +118,7 @@ class Deviation:
     offset: Fraction
     gravity: Fraction
     rest: tuple[Fraction, Fraction]
-    actuator: tuple[Fraction | None, Fraction | None]
+    actuator: tuple[Fraction, Fraction | None]
     feedforward: Fraction
     slope: Fraction
     limits: tuple[Limit, ...]
@@ -201,7 +201,6 @@ def deviation(
     z = (p.e, q, p.v, *others)
     (own,) = sp.solve(q - sum(k * x for x, k in slopes.items()), integrator)
     rest = _voltages_at_rest(rig, ratios, gap)
-    low, high = (_finite(bound) for bound in rig.limits.voltage)
     found = Deviation(
         running=_linear_part(z, slopes, flows, {integrator: own}),
         frozen=_linear_part(z, slopes, [sp.Integer(0), *flows[1:]], {integrator: own}),
@@ -210,7 +209,7 @@ def deviation(
         offset=Fraction(rig.plant.gap_offset),
         gravity=Fraction(rig.plant.gravity),
         rest=rest,
-        actuator=(low, high),
+        actuator=(Fraction(rig.limits.voltage[0]), _finite(rig.limits.voltage[1])),
         feedforward=_fraction(feedforward),
         slope=_fraction(slopes[p.e]),
         limits=(),
@@ -278,11 +277,8 @@ def _voltages_at_rest(
 def _limits(model: Deviation, rig: Rig, integral: list[Fraction]) -> Iterator[Limit]:
     """Yield what the region has to respect; raise where the rest itself does not."""
 
-    def unit(row: int) -> tuple[Fraction, ...]:
-        return tuple(Fraction(n == row) for n in range(model.order))
-
     low, high = model.actuator
-    if model.rest[0] <= (low or 0) or (high is not None and model.rest[1] >= high):
+    if model.rest[0] <= low or (high is not None and model.rest[1] >= high):
         raise InputError(
             f"limits.voltage = {list(rig.limits.voltage)} V: rest at {float(model.gap):.4g} m "
             f"needs {float(model.rest[0]):.4g} to {float(model.rest[1]):.4g} V over the ratios; "
@@ -295,10 +291,8 @@ def _limits(model: Deviation, rig: Rig, integral: list[Fraction]) -> Iterator[Li
             f"limits.gap = {list(rig.limits.gap)} m: the gap of the rest, {float(model.gap):.4g} "
             "m, must lie inside"
         )
-    yield Limit("gap", unit(E_ROW), min(room))
-    if low is None or low < 0:  # the force would rise again beyond zero volts
-        yield Limit("voltage above zero", unit(Q_ROW), model.rest[0])
-    if low is not None and high is not None:
+    yield Limit("gap", tuple(Fraction(n == E_ROW) for n in range(model.order)), min(room))
+    if high is not None:
         taken = max(abs(rest - model.feedforward) for rest in model.rest)
         yield Limit("integrator bound", tuple(integral), high - low - taken)
 

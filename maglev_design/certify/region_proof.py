@@ -164,6 +164,9 @@ def check(model: Deviation, P: Matrix, level: Fraction, pace: Fraction) -> Check
     if extents[0] >= 1:
         return Check(Verdict.LIMIT, limit="gap")
     plane = _Plane(model, P, extents, pace)
+    (p, o), (_, r) = plane.shadow
+    if p <= 0 or p * r <= o**2:
+        return Check(Verdict.NOT_POSITIVE)
     if not plane.falls_at_centre():
         return Check(Verdict.NOT_FALLING, place=(0.0, 0.0))
     return _cover(plane)
@@ -267,22 +270,19 @@ class _Plane:
         """Return which of the forms act on the cell: 0 while frozen, 1 while the law runs."""
         (low, high), (u_low, u_high) = self.model.rest, self.model.actuator
         bottom, top = (b * self.extents[1] for b in (cell.low, cell.high))
-        never, always = [], []
+        never = low + bottom > u_low or cell.left > 0
+        always = high + top < u_low and cell.right < 0
         if u_high is not None:
-            never.append(high + top < u_high or cell.right < 0)
-            always.append(low + bottom > u_high and cell.left > 0)
-        if u_low is not None:
-            never.append(low + bottom > u_low or cell.left > 0)
-            always.append(high + top < u_low and cell.right < 0)
-        return (1,) if all(never) else (0,) if any(always) else (0, 1)
+            never = never and (high + top < u_high or cell.right < 0)
+            always = always or (low + bottom > u_high and cell.left > 0)
+        return (1,) if never else (0,) if always else (0, 1)
 
     def shares(self, low: Fraction, high: Fraction) -> tuple[Fraction, Fraction]:
         """Return bounds of clamp(u_eq + q)/u_eq for q between two values, for every u_eq."""
         least, most = self.model.rest
         u_low, u_high = self.model.actuator
-        bottom = max(u_low or Fraction(0), Fraction(0))  # below zero is a limit of its own
-        lower = max(1 + min(low / least, low / most), bottom / most)
-        upper = max(1 + max(high / least, high / most), bottom / least)
+        lower = max(1 + min(low / least, low / most), u_low / most)
+        upper = max(1 + max(high / least, high / most), u_low / least)
         if u_high is not None:
             lower, upper = min(lower, u_high / most), min(upper, u_high / least)
         return _down(lower), _up(upper)
@@ -305,10 +305,8 @@ class _Plane:
         _, steep, strong = program.evaluate(EXACT, cell.left * X, large)
         _, flat, weak = program.evaluate(EXACT, cell.right * X, small)
         u_low, u_high = self.model.actuator
-        free = (u_low is None or least + cell.low * Q >= u_low) and (
-            u_high is None or most + cell.high * Q <= u_high
-        )
-        held = (u_low is not None and most + cell.high * Q <= u_low) or (
+        free = least + cell.low * Q >= u_low and (u_high is None or most + cell.high * Q <= u_high)
+        held = most + cell.high * Q <= u_low or (
             u_high is not None and least + cell.low * Q >= u_high
         )
         by_e = _down(flat * X), _up(steep * X)

@@ -120,10 +120,9 @@ class _Scaled:
         """Return phi and whether the integrator is frozen at (e, q), for the ends of u_eq."""
         e, q = (points * self.sizes[:2]).T
         low, high = (np.inf if x is None else float(x) for x in self.model.actuator)
-        low = -np.inf if self.model.actuator[0] is None else low
         found = []
         for rest in dict.fromkeys(float(x) for x in self.model.rest):
-            share = np.clip(1 + q / rest, max(low, 0.0) / rest, high / rest)
+            share = np.clip(1 + q / rest, low / rest, high / rest)
             frozen = ((rest + q > high) & (e > 0)) | ((rest + q < low) & (e < 0))
             phi, *_ = force_program().numpy()(e / float(self.model.distance), share)
             found.append((float(self.model.gravity) * phi, frozen))
