@@ -130,7 +130,7 @@ class Deviation:
 
     @property
     def distance(self) -> Fraction:
-        """r + y0, the unit of e in the force [m]."""
+        """Unit r + y0 of e in the force [m]."""
         return self.gap + self.offset
 
     def start(self, e: Any, v: Any, rest: Any) -> list[Any]:
@@ -276,7 +276,6 @@ def _voltages_at_rest(
 
 def _limits(model: Deviation, rig: Rig, integral: list[Fraction]) -> Iterator[Limit]:
     """Yield what the region has to respect; raise where the rest itself does not."""
-
     low, high = model.actuator
     if model.rest[0] <= low or (high is not None and model.rest[1] >= high):
         raise InputError(

@@ -1,7 +1,7 @@
 """The exact check that V = z'P z falls along every motion of the loop inside {V <= level}.
 
-With z' = A z + b phi, phi = phi(e, q), the derivative of V is, for given e and q, a quadratic in the
-remaining states f of z. Inside the set, for any lambda >= 0,
+With z' = A z + b phi, phi = phi(e, q), the derivative of V is, for given e and q, a quadratic in
+the remaining states f of z. Inside the set, for any lambda >= 0,
 
     V' <= V' + lambda (level - V) <= max over f of the same = s'S s + lambda level,
 
@@ -21,34 +21,35 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
-from sympy import Matrix, Rational, diag, eye
+from numpy.typing import NDArray
+from sympy import Matrix, Rational, diag
 
-from maglev_design.certify.region_model import (
-    E_ROW,
-    EXACT,
-    Q_ROW,
-    V_ROW,
-    Deviation,
-    force_program,
-    root_above,
+from maglev_design.certify.region_cells import (
+    FROZEN,
+    RUNNING,
+    Cell,
+    Extents,
+    Force,
+    enclose,
+    modes,
+    rounded_up,
 )
+from maglev_design.certify.region_model import E_ROW, Q_ROW, V_ROW, Deviation, root_above
 
 SMALLEST_CELL = Fraction(1, 2**12)
 """Side at which a cell is given up, as a share of the set's extent."""
 MOST_CELLS = 60_000
 """Cells after which a proof is given up."""
-MULTIPLIERS = (0, *(k * Fraction(2) ** n for n in range(-4, 8) for k in (2, 3)))
+MULTIPLIERS = (Fraction(0), *(Fraction(k) * 2**n / 16 for n in range(12) for k in (2, 3)))
 """Values of lambda tried, in units of the pace handed in."""
-GRAIN, EXTENT_GRAIN = Fraction(1, 2**40), Fraction(1, 2**16)
-"""What bounds of shares, of phi/g and its slopes, and of the extents are rounded to, outward."""
+EXTENT_GRAIN = Fraction(1, 2**16)
+"""What the extents of the set are rounded up to, so that the cells' numbers are short."""
 DIGITS = 36
 """Binary digits kept of the entries of S, relative to the largest, rounded upward as a form."""
 
@@ -88,53 +89,7 @@ class Check:
         return self.verdict is Verdict.PROVED
 
 
-class Cell(NamedTuple):
-    """A rectangle of the plane of (e, q), in units of the set's extents."""
-
-    left: Fraction
-    right: Fraction
-    low: Fraction
-    high: Fraction
-
-    @property
-    def centre(self) -> tuple[Fraction, Fraction]:
-        """Its centre."""
-        return (self.left + self.right) / 2, (self.low + self.high) / 2
-
-    @property
-    def radii(self) -> tuple[Fraction, Fraction]:
-        """Half its sides."""
-        return (self.right - self.left) / 2, (self.high - self.low) / 2
-
-    def holds_origin(self) -> bool:
-        """Return whether (0, 0) is in it."""
-        return self.left <= 0 <= self.right and self.low <= 0 <= self.high
-
-    def halves(self) -> tuple[Cell, Cell]:
-        """Return the two halves across the longer side."""
-        a, b = self.centre
-        if self.right - self.left >= self.high - self.low:
-            return self._replace(right=a), self._replace(left=a)
-        return self._replace(high=b), self._replace(low=b)
-
-
-class Force(NamedTuple):
-    """phi/g on a cell: bounds at its centre, and of its slopes in units of the extents.
-
-    phi/g = middle + a (e - e_c) + b (q - q_c) + r with a, b the mids of the slopes and |r| <= rest.
-    """
-
-    centre: tuple[Fraction, Fraction]
-    by_e: tuple[Fraction, Fraction]
-    by_q: tuple[Fraction, Fraction]
-    rest: Fraction
-
-    @property
-    def middle(self) -> Fraction:
-        """Mid value at the centre."""
-        return sum(self.centre, Fraction(0)) / 2
-
-
+Array = NDArray[np.float64]
 Form = tuple[tuple[Fraction, ...], ...]
 
 
@@ -160,7 +115,7 @@ def check(model: Deviation, P: Matrix, level: Fraction, pace: Fraction) -> Check
         if _fraction((row * inverse * row.T)[0]) >= limit.margin**2:
             return Check(Verdict.LIMIT, limit=limit.name)
     E, Q = (root_above(_fraction(inverse[n, n])) for n in (E_ROW, Q_ROW))
-    extents = _up(E / model.distance, EXTENT_GRAIN), _up(Q, EXTENT_GRAIN)
+    extents = rounded_up(E / model.distance, EXTENT_GRAIN), rounded_up(Q, EXTENT_GRAIN)
     if extents[0] >= 1:
         return Check(Verdict.LIMIT, limit="gap")
     plane = _Plane(model, P, extents, pace)
@@ -181,7 +136,7 @@ def _cover(plane: _Plane) -> Check:
         if plane.outside(cell):
             shown += 1
             continue
-        force = plane.force(cell)
+        force = enclose(plane.model, plane.extents, cell)
         if plane.falls(cell, force):
             shown += 1
         elif min(cell.radii) < SMALLEST_CELL or shown > MOST_CELLS or plane.hopeless(cell, force):
@@ -203,26 +158,25 @@ class _Plane:
 
     model: Deviation
     P: Matrix
-    extents: tuple[Fraction, Fraction]
+    extents: Extents
     pace: Fraction
 
     @cached_property
     def forms(self) -> tuple[tuple[Form, ...], tuple[Form, ...]]:
         """Upper bounds of S for every multiplier, while the integrator is frozen and runs."""
-        parts = (self.model.frozen, self.model.running)
-        frozen, runs = (
-            tuple(_upper(self._eliminated(A, _rational(m * self.pace))) for m in MULTIPLIERS)
-            for A in parts
-        )
-        return frozen, runs
+        found = {
+            mode: tuple(_upper(self._eliminated(A, _rational(x * self.pace))) for x in MULTIPLIERS)
+            for mode, A in ((FROZEN, self.model.frozen), (RUNNING, self.model.running))
+        }
+        return found[FROZEN], found[RUNNING]
 
     @cached_property
-    def floats(self) -> np.ndarray:
+    def floats(self) -> Array:
         """The forms for the choice of a multiplier, shape (2, multipliers, 3, 3)."""
         return np.array(self.forms, dtype=float)
 
     @cached_property
-    def lambdas(self) -> np.ndarray:
+    def lambdas(self) -> Array:
         """The multipliers as floats."""
         return np.array([float(m * self.pace) for m in MULTIPLIERS])
 
@@ -266,78 +220,32 @@ class _Plane:
         # convex: at least the tangent at the centre
         return a * by_a + b * by_b - 2 * (abs(by_a) * half_a + abs(by_b) * half_b) > 1
 
-    def modes(self, cell: Cell) -> tuple[int, ...]:
-        """Return which of the forms act on the cell: 0 while frozen, 1 while the law runs."""
-        (low, high), (u_low, u_high) = self.model.rest, self.model.actuator
-        bottom, top = (b * self.extents[1] for b in (cell.low, cell.high))
-        never = low + bottom > u_low or cell.left > 0
-        always = high + top < u_low and cell.right < 0
-        if u_high is not None:
-            never = never and (high + top < u_high or cell.right < 0)
-            always = always or (low + bottom > u_high and cell.left > 0)
-        return (1,) if never else (0,) if always else (0, 1)
-
-    def shares(self, low: Fraction, high: Fraction) -> tuple[Fraction, Fraction]:
-        """Return bounds of clamp(u_eq + q)/u_eq for q between two values, for every u_eq."""
-        least, most = self.model.rest
-        u_low, u_high = self.model.actuator
-        lower = max(1 + min(low / least, low / most), u_low / most)
-        upper = max(1 + max(high / least, high / most), u_low / least)
-        if u_high is not None:
-            lower, upper = min(lower, u_high / most), min(upper, u_high / least)
-        return _down(lower), _up(upper)
-
-    def force(self, cell: Cell) -> Force:
-        """Return phi/g on a cell.
-
-        phi rises with e and falls with the share, dphi/de falls with e and rises with the share,
-        dphi/dshare falls with the share and rises with e: bounds are values at corners.
-        """
-        X, Q = self.extents
-        a, b = cell.centre
-        half_a, half_b = cell.radii
-        least, most = self.model.rest
-        program = force_program()
-        small, large = self.shares(b * Q, b * Q)
-        first = program.evaluate(EXACT, a * X, large)[0]
-        last = program.evaluate(EXACT, a * X, small)[0]
-        small, large = self.shares(cell.low * Q, cell.high * Q)
-        _, steep, strong = program.evaluate(EXACT, cell.left * X, large)
-        _, flat, weak = program.evaluate(EXACT, cell.right * X, small)
-        u_low, u_high = self.model.actuator
-        free = least + cell.low * Q >= u_low and (u_high is None or most + cell.high * Q <= u_high)
-        held = most + cell.high * Q <= u_low or (
-            u_high is not None and least + cell.low * Q >= u_high
-        )
-        by_e = _down(flat * X), _up(steep * X)
-        by_q = (
-            _down(Fraction(0) if held else strong * Q / least),
-            _up(weak * Q / most if free else Fraction(0)),
-        )
-        low, high = _down(first), _up(last)
-        spread = (by_e[1] - by_e[0]) * half_a + (by_q[1] - by_q[0]) * half_b
-        return Force((low, high), by_e, by_q, (high - low + spread) / 2)
-
     def falls(self, cell: Cell, force: Force) -> bool:
         """Return whether G < 0 is shown on the whole cell."""
         if cell.holds_origin():
-            return all(_negative(self.forms[mode][0], force) for mode in self.modes(cell))
-        return all(self._bound(cell, force, mode) < 0 for mode in self.modes(cell))
+            return all(
+                _negative(self.forms[mode][0], force)
+                for mode in modes(self.model, self.extents, cell)
+            )
+        return all(
+            self._bound(cell, force, mode) < 0 for mode in modes(self.model, self.extents, cell)
+        )
 
-    def _values(self, cell: Cell, force: Force) -> np.ndarray:
+    def _values(self, cell: Cell, force: Force) -> Array:
         """Return the largest G at the centre for both modes and every multiplier, in floats."""
         ends = [np.array([*cell.centre, phi], dtype=float) for phi in force.centre]
-        return np.maximum(*[self.floats @ s @ s for s in ends]) + self.lambdas
+        values: Array = np.maximum(*[self.floats @ s @ s for s in ends]) + self.lambdas
+        return values
 
     def _bound(self, cell: Cell, force: Force, mode: int) -> Fraction:
         """Return an upper bound of G on the cell."""
         pick = int(np.argmin(self._values(cell, force)[mode]))
         S, multiplier = self.forms[mode][pick], MULTIPLIERS[pick] * self.pace
-        s = (*cell.centre, force.middle)
+        s: list[Fraction] = [*cell.centre, force.middle]
         half_a, half_b = cell.radii
         rest = force.rest
         Ss = [sum((x * y for x, y in zip(row, s, strict=True)), Fraction(0)) for row in S]
-        a, b = sum(force.by_e) / 2, sum(force.by_q) / 2
+        a, b = (sum(slopes, Fraction(0)) / 2 for slopes in (force.by_e, force.by_q))
         along_a, along_b = S[0][2] + a * S[2][2], S[1][2] + b * S[2][2]
         first = abs(Ss[0] + a * Ss[2]) * half_a + abs(Ss[1] + b * Ss[2]) * half_b
         mixed = S[0][1] + b * S[0][2] + a * along_b
@@ -359,7 +267,10 @@ class _Plane:
         s = np.array(cell.centre, dtype=float)
         inside = 0 < s @ np.array(self.shadow, dtype=float) @ s < 1
         values = self._values(cell, force)
-        return bool(inside and any(values[mode].min() > 0 for mode in self.modes(point)))
+        return bool(
+            inside
+            and any(values[mode].min() > 0 for mode in modes(self.model, self.extents, point))
+        )
 
 
 def _negative(S: Form, force: Force) -> bool:
@@ -400,14 +311,6 @@ def _upper(S: Matrix) -> Form:
 def positive_definite(form: Matrix) -> bool:
     """Return whether all leading principal minors of a symmetric matrix are positive."""
     return all(form[:k, :k].det() > 0 for k in range(1, form.shape[0] + 1))
-
-
-def _down(x: Fraction, grain: Fraction = GRAIN) -> Fraction:
-    return (x.numerator * grain.denominator // x.denominator) * grain
-
-
-def _up(x: Fraction, grain: Fraction = GRAIN) -> Fraction:
-    return -_down(-x, grain)
 
 
 def _rational(x: Fraction | int) -> Rational:

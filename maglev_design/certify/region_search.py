@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +73,6 @@ def find_form(model: Deviation) -> Candidate | None:
     loop = _scaled(model)
     if loop.pace <= 0:
         return None
-    ellipse = np.eye(2)
     best: Candidate | None = None
     projection, growth, idle = np.eye(2), 1.0, 0
     for _ in range(ROUNDS):
@@ -233,7 +232,8 @@ def _programme(loop: _Scaled, ellipse: Array) -> Array | None:
     solution = solver.solve()
     if str(solution.status) not in SOLVED:
         return None
-    return np.einsum("k,kij->ij", np.array(solution.x), basis)
+    found: Array = np.einsum("k,kij->ij", np.array(solution.x), basis)
+    return found
 
 
 def _projection(P: Array) -> Array:
@@ -303,4 +303,4 @@ def _reach(loop: _Scaled, P: Array, level: float) -> float:
         along = float(loop.lift @ P @ start)
         square = along**2 - own * (float(start @ P @ start) - level)
         found.append((max(square, 0.0) ** 0.5 - abs(along)) / own)
-    return float(loop.sizes[0]) * max(min(found), 0.0)
+    return float(loop.sizes[0] * max(min(found), 0.0))
