@@ -118,7 +118,7 @@ def check(model: Deviation, P: Matrix, level: Fraction, pace: Fraction) -> Check
     extents = rounded_up(E / model.distance, EXTENT_GRAIN), rounded_up(Q, EXTENT_GRAIN)
     if extents[0] >= 1:
         return Check(Verdict.LIMIT, limit="gap")
-    plane = _Plane(model, P, extents, pace)
+    plane = Plane(model, P, extents, pace)
     (p, o), (_, r) = plane.shadow
     if p <= 0 or p * r <= o**2:
         return Check(Verdict.NOT_POSITIVE)
@@ -127,7 +127,7 @@ def check(model: Deviation, P: Matrix, level: Fraction, pace: Fraction) -> Check
     return _cover(plane)
 
 
-def _cover(plane: _Plane) -> Check:
+def _cover(plane: Plane) -> Check:
     """Bisect the plane until every cell is shown; give up at the first that cannot be."""
     one = Fraction(1)
     waiting, shown = [Cell(-one, one, -one, one)], 0
@@ -150,7 +150,7 @@ def _cover(plane: _Plane) -> Check:
 
 
 @dataclass(frozen=True)
-class _Plane:
+class Plane:
     """The scalar inequality G(e, q) < 0 on {V <= 1}.
 
     `extents` are those of e/(r + y0) and of q [V], short numbers; cells are in their units.
@@ -222,14 +222,11 @@ class _Plane:
 
     def falls(self, cell: Cell, force: Force) -> bool:
         """Return whether G < 0 is shown on the whole cell."""
+        acting = modes(self.model, self.extents, cell)
         if cell.holds_origin():
-            return all(
-                _negative(self.forms[mode][0], force)
-                for mode in modes(self.model, self.extents, cell)
-            )
-        return all(
-            self._bound(cell, force, mode) < 0 for mode in modes(self.model, self.extents, cell)
-        )
+            return all(_negative(self.forms[mode][0], force) for mode in acting)
+        picks = self._values(cell, force).argmin(axis=1)
+        return all(self.bound(cell, force, mode, int(picks[mode])) < 0 for mode in acting)
 
     def _values(self, cell: Cell, force: Force) -> Array:
         """Return the largest G at the centre for both modes and every multiplier, in floats."""
@@ -237,9 +234,8 @@ class _Plane:
         values: Array = np.maximum(*[self.floats @ s @ s for s in ends]) + self.lambdas
         return values
 
-    def _bound(self, cell: Cell, force: Force, mode: int) -> Fraction:
-        """Return an upper bound of G on the cell."""
-        pick = int(np.argmin(self._values(cell, force)[mode]))
+    def bound(self, cell: Cell, force: Force, mode: int, pick: int) -> Fraction:
+        """Return an upper bound of G on the cell, for one of the multipliers."""
         S, multiplier = self.forms[mode][pick], MULTIPLIERS[pick] * self.pace
         s: list[Fraction] = [*cell.centre, force.middle]
         half_a, half_b = cell.radii
