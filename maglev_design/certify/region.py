@@ -1,0 +1,267 @@
+"""The initial errors that the nonlinear, saturated loop is guaranteed to survive.
+
+The loop is the continuous one with its clamp, its anti-windup and the bound of its integrator, and
+it regulates at one gap. The guaranteed set is {z'P z <= level} in the deviations z from rest
+(:mod:`maglev_design.certify.region_model`); P and the level are found by a search
+(:mod:`maglev_design.certify.region_search`), rounded to rationals and proved in exact arithmetic
+(:mod:`maglev_design.certify.region_proof`). What a user sees is its slice by the plane of the
+initial errors of position and velocity, the controller's states at zero.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sympy import Matrix, Rational
+
+from maglev_design.certify.region_model import Deviation, deviation
+from maglev_design.certify.region_proof import Check, check
+from maglev_design.certify.region_search import Candidate, find_form
+from maglev_design.design import Design
+from maglev_design.parameters import Rig
+
+Array = NDArray[np.float64]
+
+DIGITS = 30
+"""Binary digits kept of the found form, relative to its diagonal."""
+STEPS = 28
+"""Levels tried, each 5 % below the one before: the last is a quarter of what was hoped for."""
+POINTS = 401
+"""Points of the outline along e."""
+
+
+class Status(enum.Enum):
+    """What was found; the value is a sentence with the remedy."""
+
+    GUARANTEED = "Every start in the region converges without touching a limit of the gap."
+    NO_FORM = (
+        "No quadratic function proves anything: the loop is unstable, or barely stable, somewhere "
+        "in the ratio interval; narrow it, or take other poles."
+    )
+    START_OUTSIDE = (
+        "A set was proved, but the controller's start under mismatch lies outside it: narrow the "
+        "ratio interval, or give the integrator a start nearer to its rest."
+    )
+
+
+@dataclass(frozen=True)
+class Region:
+    """A guaranteed set of initial errors, with what is needed to check it again.
+
+    Attributes
+    ----------
+    status : Status
+    model : Deviation
+        The loop it is about.
+    ratios : tuple of Fraction
+        beta_c/beta for which it holds.
+    P : Matrix, shape (n, n)
+        Of rationals, in the SI units of ``model.names``; empty when there is none.
+    level : Fraction
+    pace : Fraction
+        Unit of the multipliers of the proof [1/s].
+    check : Check or None
+        What the exact check said.
+    """
+
+    status: Status
+    model: Deviation
+    ratios: tuple[Fraction, Fraction]
+    P: Matrix
+    level: Fraction
+    pace: Fraction
+    check: Check | None
+
+    def verified(self) -> Check:
+        """Run the exact check again, without the search that found P."""
+        return check(self.model, self.P, self.level, self.pace)
+
+    def value(self, e: float, v: float) -> float:
+        """Return V/level at the start with errors e [m] and v [m/s], at its worst ratio."""
+        return max(float(x) for x in self._values(Fraction(e), Fraction(v))) / float(self.level)
+
+    def contains(self, e: float, v: float) -> bool:
+        """Return whether the start with errors e [m] and v [m/s] is guaranteed; exact.
+
+        V is convex along the line of starts that the ratios make, so its ends decide.
+        """
+        if self.status is not Status.GUARANTEED:
+            return False
+        return max(self._values(Fraction(e), Fraction(v))) <= self.level
+
+    def _values(self, e: Fraction, v: Fraction) -> list[Fraction]:
+        return [_product(self.P, *2 * (self.model.start(e, v, rest),)) for rest in self.model.rest]
+
+    def outline(self) -> tuple[Array, Array, Array]:
+        """Return e [m] and the least and largest v [m/s] of the region there."""
+        if self.status is not Status.GUARANTEED:
+            return (np.empty(0),) * 3
+        slices = [_slice(self.P, self.level, self.model, rest) for rest in self.model.rest]
+        ends = [one.extent() for one in slices]
+        low, high = max(left for left, _ in ends), min(right for _, right in ends)
+        e = (low + high) / 2 - (high - low) / 2 * np.cos(np.linspace(0, math.pi, POINTS))
+        chords = np.array([one.chord(e) for one in slices])
+        least, most = chords[:, 0].max(axis=0), chords[:, 1].min(axis=0)
+        held = least <= most
+        return e[held], least[held], most[held]
+
+    @property
+    def area(self) -> float:
+        """Area of the region in the plane of the initial errors [m^2/s]."""
+        e, least, most = self.outline()
+        width = most - least
+        return float((width[1:] + width[:-1]) @ np.diff(e) / 2)
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Least and largest position error [m] from which a start at rest is guaranteed."""
+        if self.status is not Status.GUARANTEED:
+            return 0.0, 0.0
+        slices = [_slice(self.P, self.level, self.model, rest) for rest in self.model.rest]
+        ends = [_roots(one.ee, one.e, one.rest) for one in slices]
+        return max(low for low, _ in ends), min(high for _, high in ends)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the region for JSON; the form as strings of exact rationals, SI units."""
+        return {
+            "status": self.status.name.lower().replace("_", "-"),
+            "message": self.status.value,
+            "gap": float(self.model.gap),
+            "ratios": [str(ratio) for ratio in self.ratios],
+            "states": list(self.model.names),
+            "P": [[str(x) for x in self.P.row(n)] for n in range(self.P.rows)],
+            "level": str(self.level),
+            "cells": self.check.cells if self.check else 0,
+            "reach": list(self.reach),
+            "area": self.area,
+        }
+
+
+@dataclass(frozen=True)
+class _Slice:
+    """V - level at a start, ee e^2 + 2 ev e v + vv v^2 + 2 (e_ e + v_ v) + rest, at one u_eq."""
+
+    ee: float
+    ev: float
+    vv: float
+    e: float
+    v: float
+    rest: float
+
+    def chord(self, e: Array) -> tuple[Array, Array]:
+        """Return the least and largest v where it is not positive; the wrong way round if none."""
+        half = self.ev * e + self.v
+        square = half**2 - self.vv * (self.ee * e**2 + 2 * self.e * e + self.rest)
+        width = np.sqrt(np.maximum(square, 0.0))
+        return (-half - width) / self.vv, (-half + width) / self.vv
+
+    def extent(self) -> tuple[float, float]:
+        """Return the least and largest e of its points."""
+        return _roots(
+            self.vv * self.ee - self.ev**2,
+            self.vv * self.e - self.ev * self.v,
+            self.vv * self.rest - self.v**2,
+        )
+
+
+def _slice(P: Matrix, level: Fraction, model: Deviation, rest: Fraction) -> _Slice:
+    """Return the slice of {z'P z <= level} by the starts."""
+    zero, one = Fraction(0), Fraction(1)
+    origin = model.start(zero, zero, rest)
+    along_e = [x - y for x, y in zip(model.start(one, zero, rest), origin, strict=True)]
+    along_v = [x - y for x, y in zip(model.start(zero, one, rest), origin, strict=True)]
+    return _Slice(
+        ee=float(_product(P, along_e, along_e)),
+        ev=float(_product(P, along_e, along_v)),
+        vv=float(_product(P, along_v, along_v)),
+        e=float(_product(P, along_e, origin)),
+        v=float(_product(P, along_v, origin)),
+        rest=float(_product(P, origin, origin) - level),
+    )
+
+
+def _roots(square: float, half: float, rest: float) -> tuple[float, float]:
+    """Return the roots of square x^2 + 2 half x + rest, which is not positive at one x."""
+    width = math.sqrt(max(half**2 - square * rest, 0.0))
+    return (-half - width) / square, (-half + width) / square
+
+
+def _product(P: Matrix, left: list[Fraction], right: list[Fraction]) -> Fraction:
+    """Return left' P right."""
+    entries = (
+        x * Fraction(int(P[i, j].p), int(P[i, j].q)) * y
+        for i, x in enumerate(left)
+        for j, y in enumerate(right)
+    )
+    return sum(entries, Fraction(0))
+
+
+def guaranteed_region(
+    rig: Rig,
+    design: Design,
+    ratios: tuple[float | Fraction, float | Fraction] = (1.0, 1.0),
+    gap: float | None = None,
+) -> Region:
+    """Return a region of initial errors that the loop survives at every ratio, with its proof.
+
+    Parameters
+    ----------
+    rig : Rig
+    design : Design
+        Of TAN-GPI. It stays; the plant's beta is the rig's over the ratio.
+    ratios : tuple
+        Interval of beta_c/beta; decimals are taken as exact.
+    gap : float, optional
+        Where the loop regulates [m]; default: the start of the rig's reference.
+
+    Returns
+    -------
+    Region
+        Its status says whether there is one.
+
+    Raises
+    ------
+    InputError
+        See :func:`maglev_design.certify.region_model.deviation`.
+
+    Notes
+    -----
+    "Exact" takes the numbers that run in double precision (gains, believed coefficients, limits)
+    as they are. The law is the continuous one: nothing is said of the sampled law.
+    """
+    low, high = sorted(x if isinstance(x, Fraction) else Fraction(repr(float(x))) for x in ratios)
+    model = deviation(rig, design, (low, high), gap)
+    found = find_form(model)
+    empty = Region(Status.NO_FORM, model, (low, high), Matrix(), Fraction(0), Fraction(0), None)
+    return empty if found is None else _proved(empty, found)
+
+
+def _proved(empty: Region, found: Candidate) -> Region:
+    """Return the region of the largest of the levels tried that is proved."""
+    P = _rounded(found.P)
+    pace = Fraction(math.ceil(16 * found.pace), 16)
+    for n in range(STEPS):
+        level = Fraction(math.floor(found.level * 0.95**n * 2**20), 2**20)
+        said = check(empty.model, P, level, pace)
+        if said.proved:
+            region = replace(
+                empty, status=Status.GUARANTEED, P=P, level=level, pace=pace, check=said
+            )
+            inside = region.contains(0.0, 0.0)
+            return region if inside else replace(region, status=Status.START_OUTSIDE)
+    return empty
+
+
+def _rounded(P: Array) -> Matrix:
+    """Return P with short rational entries."""
+    sizes = 2.0 ** np.round(np.log2(np.diag(P)) / 2)
+    whole = np.round(P / np.outer(sizes, sizes) * 2**DIGITS)
+    size = [Rational(float(x)) for x in sizes]
+    n = len(size)
+    return Matrix(n, n, lambda i, j: Rational(int(whole[i, j]), 2**DIGITS) * size[i] * size[j])
