@@ -31,11 +31,12 @@ from maglev_design.plain import finite
 from maglev_design.simulate import simulate
 
 if TYPE_CHECKING:
-    from maglev_design.certify import Margins
-    from maglev_design.tune import TuneResult
+    from maglev_design.certify import LmiCertificate, Margins
+    from maglev_design.tune import TradeOff, TuneResult
 
 KIND = "maglev-design"
-PACKAGES = ("casadi", "control", "numpy", "scipy", "sympy")
+PACKAGES = ("casadi", "control", "cvxpy", "numpy", "scipy", "sympy")
+CERTIFICATE_FIELDS = ("loop", "certified", "status", "decay", "largest_beta_error", "solver")
 LARGEST_RECORD = 50_000_000
 """[bytes]"""
 
@@ -82,8 +83,13 @@ def rig_from_data(data: Any, origin: str) -> Rig:
     return make_rig(data, origin)
 
 
-def make_record(result: TuneResult, margins: Margins) -> DesignRecord:
-    """Return the record of a tuning."""
+def make_record(
+    result: TuneResult,
+    margins: Margins,
+    certificate: LmiCertificate,
+    trade_off: TradeOff | None = None,
+) -> DesignRecord:
+    """Return the record of a tuning, with what was certified of its sampled loop."""
     from maglev_design.tune import as_json  # noqa: PLC0415 - not for reading a record back
 
     rig, design = result.problem.rig, result.design
@@ -96,8 +102,23 @@ def make_record(result: TuneResult, margins: Margins) -> DesignRecord:
         "design": design_as_data(design),
         **as_json(result),
         "margins": margins.as_dict(),
+        "certificate": _certificate(certificate),
     }
-    return DesignRecord(rig, design, finite(document), _curves(result))
+    curves = _curves(result)
+    if trade_off is not None:
+        document["pareto"] = trade_off.as_dicts()
+        curves |= {f"pareto_{name}": column for name, column in vars(trade_off).items()}
+        curves["pareto_front"] = trade_off.front.astype(float)
+    return DesignRecord(rig, design, finite(document), curves)
+
+
+def _certificate(found: LmiCertificate) -> dict[str, Any]:
+    """Return whether and of what there is a proof; the proof itself `certify` writes."""
+    whole = found.as_dict()
+    return {name: whole[name] for name in CERTIFICATE_FIELDS} | {
+        "gaps": [float(x) for x in found.claim.gaps],
+        "ratios": [float(x) for x in found.claim.ratios],
+    }
 
 
 def design_as_data(design: Design) -> dict[str, Any]:

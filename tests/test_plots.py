@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
+from recorded import recorded
 from rigs import SHORT, rig_with
 
-from maglev_design.certify import sampled_margins
 from maglev_design.errors import InputError
-from maglev_design.record import DesignRecord, make_record
+from maglev_design.record import DesignRecord
 from maglev_design.report import plots
 from maglev_design.tune import TuneResult, build_problem, solve
 
@@ -27,7 +27,7 @@ def record() -> DesignRecord:
     problem = build_problem(rig_with(SHORT, {"uncertainty.beta": 0.1, "sampling.period": 0.002}))
     result = solve(problem)
     assert isinstance(result, TuneResult)
-    return make_record(result, sampled_margins(problem.loop, result.poles.values, problem.family))
+    return recorded(result)
 
 
 def draw(name: str, record: DesignRecord, document: dict[str, Any] | None = None) -> Figure:
@@ -52,6 +52,19 @@ def test_every_figure_is_written_twice_with_the_same_bytes(
         assert content.startswith(b"\x89PNG" if one.suffix == ".png" else b"<?xml")
         assert len(content) > 5000
     assert sorted(p.name for p in folders[0].iterdir()) == sorted(p.name for p in first)
+
+
+def test_the_trade_off_is_drawn_where_it_was_asked_for(
+    record: DesignRecord, tmp_path: Path
+) -> None:
+    front = {"zeta": [1.0, 1.2], "omega_n": [60.0, 70.0], "objective": [2e-5, 1e-5]}
+    front |= {"certified": [0.7, 0.6], "front": [1.0, 1.0]}
+    curves = {**record.curves, **{f"pareto_{k}": np.array(v) for k, v in front.items()}}
+    written = plots.design_figures(curves, record.document, tmp_path)
+    assert {p.stem for p in written} == {*DRAWINGS, "trade_off"}
+    drawn = plots.trade_off(curves, record.document)
+    for axis in (drawn.axes[0].xaxis, drawn.axes[0].yaxis):
+        assert re.search(r"\[(%|m s²)\]$", axis.get_label_text())
 
 
 def test_a_record_without_a_landscape_gives_the_other_figures(

@@ -9,16 +9,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from recorded import recorded
 from rigs import SHORT, rig_with
 
-from maglev_design.certify import sampled_margins
 from maglev_design.errors import InputError
 from maglev_design.plain import finite
 from maglev_design.record import (
     LARGEST_RECORD,
     DesignRecord,
     load,
-    make_record,
     rig_as_data,
     rig_from_data,
     save,
@@ -40,7 +39,7 @@ def record() -> DesignRecord:
     problem = build_problem(rig_with(SHORT, CHANGES))
     result = solve(problem)
     assert isinstance(result, TuneResult)
-    return make_record(result, sampled_margins(problem.loop, result.poles.values, problem.family))
+    return recorded(result)
 
 
 @pytest.fixture

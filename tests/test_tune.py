@@ -17,7 +17,7 @@ import reference
 from rigs import MINIMAL, changed, rig_with
 
 from maglev_design import loop as loops
-from maglev_design.design import PoleSpec
+from maglev_design.design import Design, PoleSpec
 from maglev_design.errors import InputError
 from maglev_design.loop import build_loop
 from maglev_design.parameters import Rig
@@ -33,8 +33,16 @@ from maglev_design.tune import (
     search,
     solve,
     solve_every_method,
+    trade_off,
 )
-from maglev_design.tune.problem import Case, coarse_slacks, linear_constraints, run, runs
+from maglev_design.tune.problem import (
+    CERTIFICATE,
+    Case,
+    coarse_slacks,
+    linear_constraints,
+    run,
+    runs,
+)
 
 GRID_BETTER = 2e-3
 """The local solver stops at 3e-6 of the objective; limits are kept with a margin."""
@@ -369,6 +377,54 @@ def test_progress_goes_through_every_stage_in_order(problem: TuningProblem) -> N
         shares = [done for name, done in seen if name == stage]
         assert shares == sorted(shares)
         assert shares[-1] == 1.0
+
+
+# --- certificates --------------------------------------------------------------------------
+
+
+def test_a_required_certificate_moves_the_optimum_to_where_there_is_one(
+    result: TuneResult,
+) -> None:
+    def certifies(design: Design) -> bool:
+        return design.poles.first[1] < 0.9 * result.poles.first[1]
+
+    found = solved(build_problem(quick(), certifies=certifies))
+    assert found.status is Status.OPTIMAL
+    assert found.figures.feasible
+    assert found.poles.first[1] < 0.9 * result.poles.first[1]
+    assert found.figures.worst.itae > result.figures.worst.itae
+    (proof,) = (c for c in found.figures.constraints if c.name == CERTIFICATE)
+    assert proof.satisfied
+    assert proof.side == "lower"
+
+
+def test_without_any_certificate_nothing_is_feasible_and_it_is_named() -> None:
+    narrow = replace(build_problem(quick()), bounds=np.array([[0.9, 1.3], [60.0, 80.0]]))
+    found = solved(replace(narrow, certifies=lambda _: False))
+    assert found.status is Status.INFEASIBLE
+    assert found.figures.tightest.name == CERTIFICATE
+
+
+def test_the_trade_off_holds_the_optimum_and_its_front(result: TuneResult) -> None:
+    def widest(design: Design) -> float:
+        zeta, omega_n = design.poles.first
+        return math.nan if zeta > 2 else zeta / omega_n
+
+    found = trade_off(result, widest, lambda *_: None)
+    assert (found.zeta[-1], found.omega_n[-1]) == result.poles.first
+    assert found.objective[-1] == result.figures.worst.itae == found.objective.min()
+    assert result.landscape is not None
+    assert len(found.zeta) == result.landscape.feasible.sum() + 1
+    assert np.isnan(found.certified).any()
+    assert found.front[-1]
+    assert not found.front[np.isnan(found.certified)].any()
+    on = found.front
+    for j, u in zip(found.objective[~on], found.certified[~on], strict=True):
+        beaten = (found.objective[on] <= j) & (found.certified[on] >= u)
+        assert np.isnan(u) or beaten.any()
+    order = np.argsort(found.objective[on])
+    assert np.all(np.diff(found.certified[on][order]) >= 0)
+    assert sum(bool(row["on_front"]) for row in found.as_dicts()) == on.sum()
 
 
 # --- variants ------------------------------------------------------------------------------

@@ -321,6 +321,16 @@ def tune(
     omega_bounds: Annotated[
         tuple[float, float] | None, typer.Option(help="Search bounds of omega_n [rad/s].")
     ] = None,
+    certify: Annotated[
+        bool,
+        typer.Option("--certify", help="Require a proof that the sampled loop is stable."),
+    ] = False,
+    pareto: Annotated[
+        bool,
+        typer.Option(
+            "--pareto", help="Show what robustness costs: error against certified range; a minute."
+        ),
+    ] = False,
     seed: SeedOption = 0,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder for design.json and the plots.")
@@ -346,6 +356,8 @@ def tune(
             zeta_bounds=zeta_bounds,
             omega_bounds=omega_bounds,
             seed=seed,
+            certify=certify,
+            pareto=pareto,
         ),
         output,
         force=force,

@@ -41,11 +41,13 @@ class Request:
     zeta_bounds: tuple[float, float] | None
     omega_bounds: tuple[float, float] | None
     seed: int
+    certify: bool
+    pareto: bool
 
 
 def tune(request: Request, output: Path | None, *, force: bool, as_json: bool) -> None:
     """Solve, print, save; the exit code says how it ended."""
-    from maglev_design.certify import sampled_margins  # noqa: PLC0415
+    from maglev_design.certify import certify_family, sampled_margins  # noqa: PLC0415
     from maglev_design.record import make_record, save  # noqa: PLC0415
     from maglev_design.tune import Status, Unstabilisable  # noqa: PLC0415
 
@@ -68,7 +70,12 @@ def tune(request: Request, output: Path | None, *, force: bool, as_json: bool) -
         progress("margins", 0.0)
         problem = result.problem
         margins = sampled_margins(problem.loop, result.poles.values, problem.family)
-        record = make_record(result, margins)
+        progress("certificate", 0.3)
+        (certificate,) = certify_family(
+            result.design, rig, beta_error=problem.beta_error, loops=("sampled",)
+        )
+        trade = _trade_off(result, progress) if request.pareto else None
+        record = make_record(result, margins, certificate, trade)
         written: tuple[Path, ...] = ()
         if folder is not None:
             progress("figures", 0.5)
@@ -121,12 +128,31 @@ def _solve(rig: Rig, request: Request, progress: Any) -> Any:
             zeta_bounds=request.zeta_bounds,
             omega_bounds=request.omega_bounds,
             seed=request.seed,
+            certifies=_certifies(rig, request.beta_error) if request.certify else None,
         )
 
     if request.method == "auto":
         return solve_every_method({name: problem(name) for name in METHODS}, progress)
     method: Method | None = next((m for m in METHODS if m == request.method), None)
     return solve(problem(method), progress)
+
+
+def _certifies(rig: Rig, beta_error: float | None) -> Any:
+    """Return the question whether a controller's sampled loop is proved stable."""
+    from maglev_design.certify import certify_sampled  # noqa: PLC0415
+
+    return lambda design: certify_sampled(design, rig, beta_error=beta_error).certified
+
+
+def _trade_off(result: Any, progress: Any) -> Any:
+    from maglev_design.certify import widest_sampled  # noqa: PLC0415
+    from maglev_design.tune import trade_off  # noqa: PLC0415
+
+    def widest(design: Any) -> float:
+        found = widest_sampled(design, result.problem.rig)
+        return math.nan if found is None else float(found.claim.ratios[1] - 1)
+
+    return trade_off(result, widest, progress)
 
 
 def _hopeless(rig: Rig, found: Any) -> str:
@@ -170,7 +196,10 @@ def _print(document: dict[str, Any]) -> None:
     _print_design(document)
     _print_figures(document)
     _print_limits(document)
+    _print_certificate(document["certificate"])
     _print_alternatives(document)
+    if "pareto" in document:
+        _print_pareto(document)
     check = document["verification"]
     sys.stdout.write(
         f"Verified with {check['integrator']}: the worst case agrees to "
@@ -275,6 +304,38 @@ def _print_limits(document: dict[str, Any]) -> None:
                 "yes" if c["satisfied"] else "NO",
             )
             for c in document["constraints"]
+        ],
+    )
+
+
+def _print_certificate(found: dict[str, Any]) -> None:
+    if not found["certified"]:
+        sys.stdout.write(f"{found['status'][:1].upper()}{found['status'][1:]}.\n\n")
+        return
+    (low, high), (near, far) = found["gaps"], found["ratios"]
+    sys.stdout.write(
+        "Certified: one quadratic Lyapunov function, verified in exact arithmetic, proves the "
+        f"sampled loop stable at every gap from {number(1e3 * low, 'mm')} to "
+        f"{number(1e3 * high, 'mm')} and every beta_c/beta from {near:g} to {far:g}; the widest "
+        f"error of beta with such a proof is {100 * found['largest_beta_error']:.3g} %.\n\n"
+    )
+
+
+def _print_pareto(document: dict[str, Any]) -> None:
+    front = sorted(
+        (row for row in document["pareto"] if row["on_front"]), key=lambda row: row["objective"]
+    )
+    table(
+        "What robustness costs: no placement of the grid is better in both",
+        (f"worst {document['objective'].upper()}", "certified error of beta", "zeta", "omega_n"),
+        [
+            (
+                number(row["objective"]),
+                f"{100 * row['certified_beta_error']:.3g} %",
+                number(row["zeta"]),
+                number(row["omega_n"], "rad/s"),
+            )
+            for row in front
         ],
     )
 

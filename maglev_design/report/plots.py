@@ -215,6 +215,36 @@ def landscape(curves: Curves, document: Mapping[str, Any]) -> Figure:
     return figure
 
 
+def trade_off(curves: Curves, document: Mapping[str, Any]) -> Figure:
+    """Draw the objective against the certified error of beta; the last placement is the tuned."""
+    figure, axes = _axes(3.4)
+    certified, objective = 100 * curves["pareto_certified"], curves["pareto_objective"]
+    points = axes.scatter(
+        certified[:-1],
+        objective[:-1],
+        c=curves["pareto_omega_n"][:-1],
+        cmap="viridis",
+        s=18,
+        label="keeps every limit",
+    )
+    figure.colorbar(points, ax=axes).set_label("$\\omega_n$ [rad/s]")
+    front = np.flatnonzero(curves["pareto_front"])
+    order = front[np.argsort(certified[front])]
+    axes.plot(
+        certified[order], objective[order], color=GREY, lw=1.0, label="nothing better in both"
+    )
+    axes.plot(certified[-1:], objective[-1:], "*", color=RED, ms=13, mec="white", label="tuned")
+    unit = {"itae": "m s²", "iae": "m s", "ise": "m² s"}[document["objective"]]
+    axes.set(
+        yscale="log",
+        xlabel="certified error of $\\beta$ [%]",
+        ylabel=f"worst-case {document['objective'].upper()} [{unit}]",
+        title=_title(document, "What robustness costs"),
+    )
+    figure.legend(loc="outside lower center", ncols=3)
+    return figure
+
+
 def _plain_ticks(axis: Any, values: NDArray[np.float64]) -> None:
     """Label a logarithmic axis with round numbers and not with powers of ten."""
     round_numbers = [m * 10.0**k for k in range(-3, 7) for m in (1, 2, 5)]
@@ -270,6 +300,8 @@ def design_figures(curves: Curves, document: Mapping[str, Any], folder: Path) ->
     drawings = {"tracking": tracking, "error": error, "voltage": voltage}
     if "landscape_objective" in curves:
         drawings["landscape"] = landscape
+    if "pareto_certified" in curves:
+        drawings["trade_off"] = trade_off
     written: list[Path] = []
     with house_style():
         for name, draw in drawings.items():

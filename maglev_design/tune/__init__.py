@@ -15,11 +15,13 @@ from maglev_design.tune.result import (
     solve,
     solve_every_method,
 )
+from maglev_design.tune.tradeoff import TradeOff, trade_off
 
 __all__ = [
     "OBJECTIVES",
     "Figures",
     "Status",
+    "TradeOff",
     "TuneResult",
     "TuningProblem",
     "Unstabilisable",
@@ -28,4 +30,5 @@ __all__ = [
     "judge",
     "solve",
     "solve_every_method",
+    "trade_off",
 ]

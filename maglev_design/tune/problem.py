@@ -8,7 +8,7 @@ along the path. Values and exact gradients come from here; nothing here searches
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -42,6 +42,9 @@ SLOWEST_POLES, FASTEST_POLES = 0.3, 12.0
 FASTEST_ANGLE = 0.5
 """Largest omega_n T searched: beyond it a sample is a tenth of an oscillation."""
 NOISE_SEEDS = 2
+CERTIFICATE = "Lyapunov certificate"
+Certifies = Callable[[Design], bool]
+"""Whether a controller's sampled loop is proved stable over the gaps and ratios."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +114,8 @@ class TuningProblem:
     family : Family
     runs, tangent_runs : LoopGraph
         Nonlinear loops, the second with sensitivities.
+    certifies : callable or None
+        Asked of every candidate that would be the best; None where no proof is required.
     """
 
     rig: Rig
@@ -128,6 +133,7 @@ class TuningProblem:
     family: loops.Family
     runs: LoopGraph
     tangent_runs: LoopGraph
+    certifies: Certifies | None = None
 
     @property
     def directions(self) -> Array:
@@ -182,7 +188,7 @@ class Constraint:
     @property
     def side(self) -> Literal["upper", "lower"]:
         """Whether `limit` bounds the value from above or from below."""
-        lower = self.name == "Routh-Hurwitz" or self.name.startswith("smallest")
+        lower = self.name in ("Routh-Hurwitz", CERTIFICATE) or self.name.startswith("smallest")
         return "lower" if lower else "upper"
 
 
@@ -211,6 +217,7 @@ def build_problem(
     zeta_bounds: tuple[float, float] | None = None,
     omega_bounds: tuple[float, float] | None = None,
     seed: int = 0,
+    certifies: Certifies | None = None,
 ) -> TuningProblem:
     """Return the tuning problem of `rig`.
 
@@ -262,6 +269,7 @@ def build_problem(
         family=loops.family(rig, u),
         runs=build(rig, chosen),
         tangent_runs=build(rig, chosen, directions=4 if distinct else 2),
+        certifies=certifies,
     )
 
 
@@ -338,6 +346,14 @@ def _log_slack(limit: float, value: float) -> float:
     if not (math.isfinite(value) and value > 0):
         return -1e3
     return math.inf if math.isinf(limit) else math.log(limit / value)
+
+
+def certificate(problem: TuningProblem, poles: PoleSpec) -> tuple[Constraint, ...]:
+    """Return whether the sampled loop is certified as a limit; none where that is not required."""
+    if problem.certifies is None:
+        return ()
+    value = float(problem.certifies(design_at(problem, poles, 1.0)))
+    return (Constraint(CERTIFICATE, "-", 1.0, value, value - 1, np.zeros(4)),)
 
 
 def _logarithmic(name: str, unit: str, limit: float, found: loops.Extreme) -> Constraint:

@@ -21,6 +21,7 @@ from maglev_design.tune.problem import (
     Constraint,
     TuningProblem,
     build_problem,
+    certificate,
     design_at,
     linear_constraints,
     run,
@@ -205,7 +206,8 @@ def judge(problem: TuningProblem, poles: PoleSpec) -> Figures:
     runs = search.runs(x, [(case, float(r)) for case in problem.cases for r in ratios])
     limits: dict[str, Constraint] = {}
     simulated = [c for r in (*runs, worst[1]) for c in r.constraints]
-    for limit in (*linear_constraints(problem, poles), *simulated):
+    proved = certificate(problem, poles)
+    for limit in (*linear_constraints(problem, poles), *simulated, *proved):
         if limit.name not in limits or limit.slack < limits[limit.name].slack:
             limits[limit.name] = limit
     values, over = poles.values, problem.family
@@ -397,6 +399,7 @@ def _with_method(problem: TuningProblem, method: Method) -> TuningProblem:
         zeta_bounds=tuple(problem.bounds[0]),
         omega_bounds=tuple(problem.bounds[1]),
         seed=problem.seed,
+        certifies=problem.certifies,
     )
 
 

@@ -22,6 +22,7 @@ from maglev_design.tune.problem import (
     Constraint,
     Run,
     TuningProblem,
+    certificate,
     coarse_slacks,
     linear_constraints,
     runs,
@@ -110,6 +111,7 @@ class Search:
     pairs: list[Pair] = field(default_factory=list)
     _runs: dict[tuple[bytes, Pair, bool], Run] = field(default_factory=dict)
     _linear: dict[bytes, tuple[Constraint, ...]] = field(default_factory=dict)
+    _certificates: dict[bytes, tuple[Constraint, ...]] = field(default_factory=dict)
 
     def runs(self, x: Array, pairs: Sequence[Pair], *, gradients: bool = False) -> list[Run]:
         """Return simulated loops, from memory when they were simulated before."""
@@ -133,14 +135,25 @@ class Search:
             self._linear[key] = linear_constraints(self.problem, self.problem.poles(x))
         return self._linear[key]
 
+    def certificate(self, x: Array) -> tuple[Constraint, ...]:
+        """Return whether `x` is certified, where that is required."""
+        key = x.tobytes()
+        if key not in self._certificates:
+            self._certificates[key] = certificate(self.problem, self.problem.poles(x))
+        return self._certificates[key]
+
     def candidate(self, x: Array, *, remember: bool = True) -> Candidate:
-        """Judge `x` on the active set; keep it when it is the best feasible point so far."""
+        """Judge `x` on the active set; keep it when it is the best feasible point so far.
+
+        A certificate takes long; it is asked for only where `x` would be the best.
+        """
         runs = self.runs(x, self.pairs)
         limits = [*self.linear(x), *itertools.chain(*(r.constraints for r in runs))]
-        tightest = min(limits, key=lambda c: c.slack)
-        found = Candidate(x.copy(), max(r.value for r in runs), tightest)
-        best = self.best
-        better = best is None or not best.feasible or found.value < best.value
+        value, best = max(r.value for r in runs), self.best
+        better = best is None or not best.feasible or value < best.value
+        if better and min(c.slack for c in limits) >= 0:
+            limits += self.certificate(x)
+        found = Candidate(x.copy(), value, min(limits, key=lambda c: c.slack))
         if remember and found.feasible and better:
             self.best = found
         return found
@@ -198,7 +211,7 @@ def _keep(search: Search, poles: PoleSpec, value: float) -> None:
     problem = search.problem
     if search.best and value >= search.best.value:
         return
-    refined = linear_constraints(problem, poles)
+    refined = [*linear_constraints(problem, poles), *certificate(problem, poles)]
     if min(c.slack for c in refined) < 0:
         return
     trials = [(poles, *pair) for pair in itertools.product(problem.cases, end_ratios(problem))]

@@ -1,0 +1,16 @@
+"""The record that `tune` saves, made from a result."""
+
+from __future__ import annotations
+
+from maglev_design.certify import certify_family, sampled_margins
+from maglev_design.record import DesignRecord, make_record
+from maglev_design.tune import TradeOff, TuneResult
+
+
+def recorded(result: TuneResult, trade_off: TradeOff | None = None) -> DesignRecord:
+    problem = result.problem
+    margins = sampled_margins(problem.loop, result.poles.values, problem.family)
+    (certificate,) = certify_family(
+        result.design, problem.rig, beta_error=problem.beta_error, bisect=False, loops=("sampled",)
+    )
+    return make_record(result, margins, certificate, trade_off)
