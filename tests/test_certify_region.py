@@ -32,6 +32,7 @@ from maglev_design.certify.region_proof import (
     Verdict,
     check,
     positive_definite,
+    upper_form,
 )
 from maglev_design.choices import Controller
 from maglev_design.design import Design, PoleSpec, make_design, plant_beta
@@ -298,6 +299,9 @@ def test_the_sampled_law_has_a_map_too(paper_rig: Rig, design: Design) -> None:
     sampled = simulated_map(paper_rig, design, extent, points=5, continuous=False)
     assert sampled.survived.all()
     assert not sampled.continuous
+    document = sampled.as_dict()
+    assert (document["starts"], document["survived"]) == (25, 25)
+    assert document["area"] == pytest.approx(25 * 0.001 * 0.1)
 
 
 def test_the_proof_can_be_checked_again_and_not_for_more(region: Region) -> None:
@@ -435,6 +439,18 @@ def test_the_forms_are_the_maximum_over_the_other_states(
                 assert rising(other) < rising(z)
 
 
+def test_a_rounded_form_is_an_upper_bound() -> None:
+    rng = np.random.default_rng(12)
+    for n in (2, 3):
+        for _ in range(50):
+            draws = rng.integers(-(10**18), 10**18, size=n * n).tolist()
+            half = Matrix(n, n, [Rational(draw, 10**17) for draw in draws])
+            S = half + half.T
+            rounded = Matrix(upper_form(S))
+            assert positive_definite(rounded - S)
+            assert max(abs(x) for x in rounded - S) < max(abs(x) for x in S) / 10**9
+
+
 @pytest.mark.parametrize("mode", [FROZEN, RUNNING])
 def test_the_bound_of_a_cell_holds_everywhere_in_it_and_is_tight(mode: int, plane: Plane) -> None:
     rng = np.random.default_rng(10)
@@ -487,6 +503,8 @@ def test_what_cannot_be_treated_is_refused_with_a_reason(paper_rig: Rig) -> None
         guaranteed_region(paper_rig, design, gap=0.0009)
     with pytest.raises(InputError, match=r"limits\.voltage"):
         guaranteed_region(paper_rig, design, (1, 9))
+    with pytest.raises(InputError, match="greater than 0"):
+        guaranteed_region(paper_rig, design, (0.0, 1.0))
     with pytest.raises(InputError, match="at least 2 points"):
         simulated_map(paper_rig, design, points=1)
 

@@ -24,6 +24,7 @@ from maglev_design.certify.region_model import Deviation, deviation
 from maglev_design.certify.region_proof import Check, check
 from maglev_design.certify.region_search import Candidate, find_form
 from maglev_design.design import Design
+from maglev_design.errors import InputError
 from maglev_design.parameters import Rig
 
 Array = NDArray[np.float64]
@@ -81,10 +82,6 @@ class Region:
     def verified(self) -> Check:
         """Run the exact check again, without the search that found P."""
         return check(self.model, self.P, self.level, self.pace)
-
-    def value(self, e: float, v: float) -> float:
-        """Return V/level at the start with errors e [m] and v [m/s], at its worst ratio."""
-        return max(float(x) for x in self._values(Fraction(e), Fraction(v))) / float(self.level)
 
     def contains(self, e: float, v: float) -> bool:
         """Return whether the start with errors e [m] and v [m/s] is guaranteed; exact.
@@ -228,13 +225,19 @@ def guaranteed_region(
     Raises
     ------
     InputError
-        See :func:`maglev_design.certify.region_model.deviation`.
+        For a ratio that is not positive, and where
+        :func:`maglev_design.certify.region_model.deviation` raises it.
 
     Notes
     -----
     "Exact" takes the numbers that run in double precision (gains, believed coefficients, limits)
     as they are. The law is the continuous one: nothing is said of the sampled law.
     """
+    if not all(math.isfinite(x) and x > 0 for x in ratios):
+        raise InputError(
+            f"ratios = {[float(x) for x in ratios]}: the ends of an interval of beta_c/beta must "
+            "be finite numbers greater than 0"
+        )
     low, high = sorted(x if isinstance(x, Fraction) else Fraction(repr(float(x))) for x in ratios)
     model = deviation(rig, design, (low, high), gap)
     found = find_form(model)

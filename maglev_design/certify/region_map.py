@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +62,19 @@ class RegionMap:
         """Area of the survived starts inside the map [m^2/s]; each point stands for one cell."""
         cell = (self.e[1] - self.e[0]) * (self.v[1] - self.v[0])
         return float(cell * self.survived.sum())
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what the map says for JSON; SI units."""
+        return {
+            "gap": self.gap,
+            "ratio": self.ratio,
+            "continuous": self.continuous,
+            "position_errors": [float(self.e[0]), float(self.e[-1])],
+            "velocity_errors": [float(self.v[0]), float(self.v[-1])],
+            "starts": int(self.survived.size),
+            "survived": int(self.survived.sum()),
+            "area": self.area,
+        }
 
 
 def simulated_map(

@@ -165,7 +165,9 @@ class Plane:
     def forms(self) -> tuple[tuple[Form, ...], tuple[Form, ...]]:
         """Upper bounds of S for every multiplier, while the integrator is frozen and runs."""
         found = {
-            mode: tuple(_upper(self._eliminated(A, _rational(x * self.pace))) for x in MULTIPLIERS)
+            mode: tuple(
+                upper_form(self._eliminated(A, _rational(x * self.pace))) for x in MULTIPLIERS
+            )
             for mode, A in ((FROZEN, self.model.frozen), (RUNNING, self.model.running))
         }
         return found[FROZEN], found[RUNNING]
@@ -183,7 +185,7 @@ class Plane:
     @cached_property
     def shadow(self) -> Form:
         """A lower bound of the form whose unit disc is the projection of the set."""
-        return tuple(tuple(-x for x in row) for row in _upper(-_schur(self.P, 2, self._units)))
+        return tuple(tuple(-x for x in row) for row in upper_form(-_schur(self.P, 2, self._units)))
 
     @property
     def _units(self) -> Matrix:
@@ -292,7 +294,7 @@ def _schur(whole: Matrix, kept: int, units: Matrix) -> Matrix:
     return units * (whole[:kept, :kept] - cross * rest.inv() * cross.T) * units
 
 
-def _upper(S: Matrix) -> Form:
+def upper_form(S: Matrix) -> Form:
     """Return a form at least `S` with short entries."""
     largest = max(abs(x) for x in S)
     grain = Fraction(2) ** (math.ceil(math.log2(float(largest))) - DIGITS)
