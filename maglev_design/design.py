@@ -167,8 +167,8 @@ def gain_names(controller: Controller) -> tuple[str, ...]:
 
 
 @cache
-def gains_program(controller: Controller = TAN_GPI) -> Program:
-    """Return the program (zeta_1, omega_1, zeta_2, omega_2) -> the law's gains."""
+def gain_expressions(controller: Controller = TAN_GPI) -> Mapping[sp.Symbol, sp.Expr]:
+    """Return a law's gains, in its order, in (zeta_1, omega_1, zeta_2, omega_2)."""
     first, second = (p.zeta_1, p.omega_1), (p.zeta_2, p.omega_2)
     order = laws.closed_loop_order(controller)
     if order == 4:
@@ -177,7 +177,14 @@ def gains_program(controller: Controller = TAN_GPI) -> Program:
         desired = laws.pole_pairs_polynomial([first]) * (p.s + p.omega_2)
     gains = dict(zip(law(controller).gains, laws.match_coefficients(desired, order), strict=False))
     gains |= {laws.omega_f: sp.Rational(repr(controller.filter)) * p.omega_2}
-    return lower(POLE_SYMBOLS, {gain.name: gains[gain] for gain in law(controller).gains})
+    return {gain: gains[gain] for gain in law(controller).gains}
+
+
+@cache
+def gains_program(controller: Controller = TAN_GPI) -> Program:
+    """Return the program (zeta_1, omega_1, zeta_2, omega_2) -> the law's gains."""
+    gains = gain_expressions(controller)
+    return lower(POLE_SYMBOLS, {gain.name: value for gain, value in gains.items()})
 
 
 def _own_constants(expressions: Iterable[sp.Expr]) -> list[sp.Symbol]:

@@ -38,6 +38,7 @@ FLOORS = {
 
 HEAVY = {
     "sympy": {"symbolic", "lowering", "design", "simulate", "certify", "paper", "report"},
+    "mpmath": {"certify"},
     "casadi": {"lowering", "loop", "simulate", "tune"},
     "cvxpy": {"certify"},
     "control": {"certify"},
@@ -54,6 +55,7 @@ HEAVY = {
 
 LATE = {
     "sympy",
+    "mpmath",
     "casadi",
     "numpy",
     "control",
