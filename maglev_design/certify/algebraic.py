@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import pairwise
 
 import sympy as sp
 from sympy import Poly, Symbol
@@ -108,7 +109,7 @@ def positive_roots(polynomials: Iterable[Poly]) -> tuple[Root, ...]:
             ends = [(fraction(a), fraction(b)) for (a, b), _ in intervals]
         found += [Root(primitive, low, high) for low, high in ends if high > 0]
     found.sort(key=lambda root: (root.low, root.high))
-    for left, right in zip(found, found[1:], strict=False):
+    for left, right in pairwise(found):
         if left.high >= right.low:
             raise ArithmeticError(f"roots closer than {float(NARROW):g}: {left}, {right}")
     return tuple(found)
@@ -141,7 +142,7 @@ def between(ends: Sequence[Root]) -> tuple[Fraction, ...]:
     """Return a simple rational in every gap of (0, oo) that the sorted `ends` leave."""
     if not ends:
         return (Fraction(1),)
-    inner = [_simple(left.high, right.low) for left, right in zip(ends, ends[1:], strict=False)]
+    inner = [_simple(left.high, right.low) for left, right in pairwise(ends)]
     return (ends[0].low / 2, *inner, math.ceil(2 * ends[-1].high) + Fraction(1))
 
 

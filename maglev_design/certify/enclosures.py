@@ -124,4 +124,5 @@ def _exact(end: Any) -> Fraction:
     sign, mantissa, exponent, _ = end._mpi_[0]
     if exponent == "inf" or (not mantissa and exponent):
         raise ArithmeticError("an enclosure without end")
-    return Fraction(-mantissa if sign else mantissa) * Fraction(2) ** exponent
+    size = Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
+    return -size if sign else size

@@ -108,7 +108,7 @@ def exact_loop(
     numbers |= exact_gains(poles, controller)
     weight = V * (p.y + p.y0)
     coefficients = []
-    for fixed, gain, gain_c_y in zip(pencil.fixed, pencil.gain, pencil.gain_C_Y, strict=True):
+    for fixed, gain, gain_c_y in zip(pencil.fixed, pencil.gain, pencil.gain_c_y, strict=True):
         rho = enters.shape / V
         whole = weight * (fixed.subs(p.C_Y_true, true) + rho * (gain + enters.C_Y_hat * gain_c_y))
         exact = sp.expand(sp.cancel(whole.subs(numbers)).subs(p.y, GAP))

@@ -25,33 +25,48 @@ def order_for(width: float) -> int:
 
 @dataclass(frozen=True)
 class Jet:
-    """Taylor coefficients f_0, ..., f_K of a function of one variable: numbers, or jets in another."""
+    """Taylor coefficients f_0, ..., f_K of a function of one variable; f_0 alone for a constant.
+
+    The coefficients are numbers, or jets in another variable.
+    """
 
     terms: tuple[Any, ...]
 
     def __add__(self, other: Jet) -> Jet:
-        return Jet(tuple(a + b for a, b in zip(self.terms, other.terms, strict=True)))
-
-    def __sub__(self, other: Jet) -> Jet:
-        return Jet(tuple(a - b for a, b in zip(self.terms, other.terms, strict=True)))
+        longer, shorter = _sorted(self.terms, other.terms)
+        added = (a + b for a, b in zip(longer, shorter, strict=False))
+        return Jet((*added, *longer[len(shorter) :]))
 
     def __neg__(self) -> Jet:
         return Jet(tuple(-a for a in self.terms))
 
+    def __sub__(self, other: Jet) -> Jet:
+        return self + (-other)
+
     def __mul__(self, other: Jet) -> Jet:
-        a, b = self.terms, other.terms
+        a, b = _sorted(self.terms, other.terms)
+        if len(b) == 1:
+            return Jet(tuple(x * b[0] for x in a))
         return Jet(tuple(_dot(a[: n + 1], b[n::-1]) for n in range(len(a))))
 
     def __truediv__(self, other: Jet) -> Jet:
         a, b = self.terms, other.terms
+        if len(b) == 1:
+            return Jet(tuple(x / b[0] for x in a))
         found = [a[0] / b[0]]
-        for n in range(1, len(a)):
-            found.append((a[n] - _dot(found, b[n:0:-1])) / b[0])
+        for n in range(1, len(b)):
+            known = _dot(found, b[n:0:-1])
+            found.append((a[n] - known if n < len(a) else -known) / b[0])
         return Jet(tuple(found))
 
     def __abs__(self) -> Any:
         """Return the size of the leading number, by which a jet can be divided or not."""
         return abs(self.terms[0])
+
+
+def _sorted(a: tuple[Any, ...], b: tuple[Any, ...]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """Return two tuples, the longer one first; they are of one length, or one is a constant."""
+    return (a, b) if len(a) >= len(b) else (b, a)
 
 
 def _dot(a: Sequence[Any], b: Sequence[Any]) -> Any:

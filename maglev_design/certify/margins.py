@@ -123,7 +123,7 @@ def sampled_open_loop(loop: Loop, poles: Sequence[float]) -> OpenLoop:
 def continuous_open_loop(
     rig: Rig, poles: PoleSpec, equilibrium: Equilibrium, controller: Controller = TAN_GPI
 ) -> OpenLoop:
-    """Return the open loop of the continuous controller, rho (gain + C_Y^ gain_C_Y)/fixed in s."""
+    """Return the open loop of the continuous controller, rho (gain + C_Y^ gain_c_y)/fixed in s."""
     own = setting(rig, poles, equilibrium, rig.sampling.method, controller)
     program = _pencil_program(controller)
 
@@ -140,7 +140,7 @@ def continuous_open_loop(
 def _pencil_program(controller: Controller) -> Program:
     law = designs.law(controller)
     pencil = robustness.continuous_pencil(law)
-    parts = (("f", pencil.fixed), ("g", pencil.gain), ("h", pencil.gain_C_Y))
+    parts = (("f", pencil.fixed), ("g", pencil.gain), ("h", pencil.gain_c_y))
     named = {f"{name}{n}": x for name, part in parts for n, x in enumerate(part)}
     return lower((p.C_Y_true, *law.gains), named)
 
@@ -185,7 +185,7 @@ def _at(numerator: Array, denominator: Array, period: float | None) -> tuple[flo
     """Return the margins of one loop, in the order of NAMES."""
     import control  # noqa: PLC0415 - heavy, and needed only here
 
-    closed = np.roots(np.polyadd(denominator, numerator))
+    closed = np.asarray(np.roots(np.polyadd(denominator, numerator)), dtype=complex)
     if (closed.real.max() >= 0) if period is None else (np.abs(closed).max() >= 1):
         return (math.nan,) * len(NAMES)
     system = control.tf(numerator, denominator, 0 if period is None else period)
@@ -209,7 +209,7 @@ def _at(numerator: Array, denominator: Array, period: float | None) -> tuple[flo
     )
 
 
-def _frequencies(closed: Array, period: float | None) -> Array:
+def _frequencies(closed: NDArray[np.complex128], period: float | None) -> Array:
     """Return the frequencies [rad/s] of a response: up to Nyquist's, or around the poles."""
     if period is not None:
         return np.asarray(np.geomspace(1e-3, 1.0, FREQUENCIES) * math.pi / period)

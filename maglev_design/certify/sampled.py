@@ -19,7 +19,7 @@ import sympy as sp
 from sympy import Symbol
 
 from maglev_design import design as designs
-from maglev_design.certify.algebraic import decimal, fraction
+from maglev_design.certify.algebraic import fraction
 from maglev_design.certify.enclosures import Arithmetic
 from maglev_design.certify.interval import exact_gains, exact_values
 from maglev_design.certify.jets import Jet
@@ -119,18 +119,79 @@ def _affine(expression: sp.Expr, variable: Symbol) -> tuple[Fraction, Fraction]:
     return fraction(constant), fraction(slope)
 
 
+@dataclass(frozen=True)
+class Parts:
+    """Programs for the factors of the pencil, and how many coefficients each factor has.
+
+    Attributes
+    ----------
+    law : Program
+        (T, gains) -> law_den, law_gap, law_velocity, law_gap_c_y, law_velocity_c_y.
+    plant : Program
+        (C_Y', T, T_1) -> plant_den, plant_gap, plant_velocity.
+    sizes : tuple of int
+        Of the plant's three.
+    """
+
+    law: Program
+    plant: Program
+    sizes: tuple[int, int, int]
+
+    def pencil(
+        self, law: Sequence[Any], plant: Sequence[Any], zero: Any, whole: int
+    ) -> list[list[Any]]:
+        """Return fixed, gain and gain_c_y in z, of one length, from what the programs return."""
+        width = len(law) // 5
+        den, gap, velocity, gap_c_y, velocity_c_y = (
+            law[n * width : (n + 1) * width] for n in range(5)
+        )
+        first, second, _ = self.sizes
+        plant_den, plant_gap = plant[:first], plant[first : first + second]
+        plant_velocity = plant[first + second :]
+        late = [zero] * whole  # z^n on the denominator alone
+        rows = [[*_product(plant_den, den), *late]]
+        for by_gap, by_velocity in ((gap, velocity), (gap_c_y, velocity_c_y)):
+            seen = _product(plant_gap, by_gap)
+            moved = _product(plant_velocity, by_velocity)
+            both = [a + b for a, b in zip(seen, moved, strict=True)]
+            rows.append([zero] * (len(rows[0]) - len(both)) + both)
+        return rows
+
+
+def _product(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
+    """Return the coefficients of the product of two polynomials."""
+    sums: list[list[Any]] = [[] for _ in range(len(a) + len(b) - 1)]
+    for i, x in enumerate(a):
+        for j, y in enumerate(b):
+            sums[i + j].append(x * y)
+    return [sum(terms[1:], start=terms[0]) for terms in sums]
+
+
 @cache
-def pencil_program(method: Method, controller: Controller, split: bool) -> Program:
-    """Return the program (C_Y', T, T_1, gains) -> the pencil in z: fixed, gain, gain_C_Y."""
+def parts(method: Method, controller: Controller, split: bool) -> Parts:
+    """Return the programs of a sampled loop."""
     law = designs.law(controller)
-    pencil = robustness.sampled_pencil(law, method, split=split)
-    outputs: dict[str, sp.Expr] = {}
-    for name, part in (("f", pencil.fixed), ("g", pencil.gain), ("h", pencil.gain_C_Y)):
-        outputs |= {f"{name}{n}": x for n, x in enumerate(part)}
-    constants = {q for x in outputs.values() for q in x.atoms(sp.Rational)}
+    made = robustness.sampled_parts(law, method, split=split)
+    plant = (made.plant_den, made.plant_gap, made.plant_velocity)
+    own = (made.law_den, made.law_gap, made.law_velocity, made.law_gap_c_y, made.law_velocity_c_y)
+    return Parts(
+        _lowered((p.T, *law.gains), own),
+        _lowered((p.C_Y_true, p.T, stability.first_part), plant),
+        (len(plant[0]), len(plant[1]), len(plant[2])),
+    )
+
+
+def _lowered(inputs: Sequence[Symbol], groups: Sequence[Sequence[sp.Expr]]) -> Program:
+    """Lower expressions all of whose constants are doubles: none may be rounded on the way."""
+    outputs = {
+        f"{name}{n}": x
+        for name, group in zip("abcde", groups, strict=False)
+        for n, x in enumerate(group)
+    }
+    constants = {q for x in outputs.values() for q in sp.sympify(x).atoms(sp.Rational)}
     if any(Fraction(float(q)) != fraction(q) for q in constants):
         raise ArithmeticError("a constant of the pencil is no double; it would be rounded")
-    return lower((p.C_Y_true, p.T, stability.first_part, *law.gains), outputs)
+    return lower(inputs, outputs)
 
 
 @dataclass(frozen=True)
@@ -168,16 +229,20 @@ def _in_z(
     zero = arithmetic.number(0)
 
     def constant(exact: Fraction) -> Jet:
-        return Jet((arithmetic.number(exact), *[zero] * order))
+        return Jet((arithmetic.number(exact),))
 
     true = Jet((at, arithmetic.number(1), *[zero] * (order - 1))[: order + 1])
-    program = pencil_program(loop.method, loop.controller, when.part > 0)
-    exact = (when.period, when.part, *loop.gains)
-    values = arithmetic.run(program, true, *(constant(x) for x in exact), wrap=constant)
-    size = len(values) // 3
-    late = [constant(Fraction(0))] * when.whole  # z^n on the denominator alone
-    fixed, gains = [*values[:size], *late], [*late, *values[size : 2 * size]]
-    rows = list(zip(fixed, gains, [*late, *values[2 * size :]], strict=True))
+    made = parts(loop.method, loop.controller, when.part > 0)
+    period, part = constant(when.period), constant(when.part)
+    gains = [constant(gain) for gain in loop.gains]
+    law = arithmetic.run(made.law, period, *gains, wrap=constant)
+    plant = arithmetic.run(made.plant, true, period, part, wrap=constant)
+    nothing = Jet((zero,) * (order + 1))
+    fixed, gains, gains_c_y = made.pencil(law, plant, nothing, when.whole)
+    rows = [
+        (a + nothing, b + nothing, c + nothing)
+        for a, b, c in zip(fixed, gains, gains_c_y, strict=True)
+    ]
     seen, slope = (constant(x) for x in loop.C_Y_hat)
     level, steepness = (constant(x) for x in loop.shape)
     shape = level + steepness * true

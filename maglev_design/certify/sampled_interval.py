@@ -1,10 +1,10 @@
 """The complete set of beta_c/beta for which the sampled loop is stable, its ends enclosed.
 
-In w a loop is stable iff all roots of c_n w^n + ... + c_0 lie to the left, c_i = alpha_i + beta_i v.
-Where a coefficient is known to be negative it is not (Stodola), which bounds the search from both
-sides; inside, stability can change only at zeros of c_0 (z = 1), c_n (z = -1) and D_{n-1} (a pair),
-polynomials in v whose zeros are isolated by Bernstein coefficients in interval arithmetic. Between
-them one point decides. Nothing is sampled: what is not proved is said to be open.
+In w a loop is stable iff all roots of c_n w^n + ... + c_0 lie to the left of the imaginary axis;
+c_i = alpha_i + beta_i v. Where a coefficient is known to be negative it is not (Stodola), which
+bounds the search from both sides. Inside, stability can change only at zeros of c_0 (z = 1), c_n
+(z = -1) and D_{n-1} (a pair), polynomials in v whose zeros are isolated by Bernstein coefficients
+in interval arithmetic. Between them one point decides. Nothing is sampled.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import pairwise
 from typing import Any
 
 from maglev_design.certify.algebraic import decimal
@@ -178,7 +179,7 @@ class _Series:
         known = [n for n, s in enumerate(signs) if s]
         if not known or not signs[0] or not signs[-1]:
             return None
-        pairs = list(zip(known, known[1:], strict=False))
+        pairs = list(pairwise(known))
         if any(signs[i] == signs[j] and j > i + 1 for i, j in pairs):
             return None
         return sum(signs[i] != signs[j] for i, j in pairs)

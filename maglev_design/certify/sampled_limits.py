@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from fractions import Fraction
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from maglev_design.certify.algebraic import decimal
 from maglev_design.certify.enclosures import Arithmetic
 from maglev_design.certify.routh import is_hurwitz
-from maglev_design.certify.sampled import Setting, Timing, enclose, pencil_program, timing
+from maglev_design.certify.sampled import Setting, Timing, enclose, parts, timing
 from maglev_design.certify.sampled_path import nominal_quotients, proved_over
 from maglev_design.parameters import LONGEST_PERIOD, MOST_DELAYED_PERIODS
 
@@ -59,18 +60,21 @@ class Limit:
 
 def radii(loop: Setting, when: Timing, gaps: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the spectral radius at exact beta and each gap [m], by eigenvalues; shape (n,)."""
-    program = pencil_program(loop.method, loop.controller, when.part > 0)
+    made = parts(loop.method, loop.controller, when.part > 0)
     true = float(loop.weight) / (gaps + float(loop.offset))
-    exact = (when.period, when.part, *loop.gains)
-    values = np.stack(
-        [np.broadcast_to(x, gaps.shape) for x in program.numpy()(true, *map(float, exact))]
+    period, part = float(when.period), float(when.part)
+    law, plant = (
+        [np.broadcast_to(x, gaps.shape) for x in values]
+        for values in (
+            made.law.numpy()(period, *map(float, loop.gains)),
+            made.plant.numpy()(true, period, part),
+        )
     )
-    fixed, gain, gain_c_y = values.reshape(3, -1, len(gaps))
+    fixed, gain, gain_c_y = map(np.array, made.pencil(law, plant, np.zeros_like(gaps), when.whole))
     v = float(sum(nominal_quotients(loop)) / 2)
     seen = float(loop.C_Y_hat[0]) + float(loop.C_Y_hat[1]) * v
     rho = (float(loop.shape[0]) + float(loop.shape[1]) * true) / v
-    late = np.zeros((when.whole, len(gaps)))
-    rows = np.concatenate([fixed, late]) + np.concatenate([late, rho * (gain + seen * gain_c_y)])
+    rows = fixed + rho * (gain + seen * gain_c_y)
     size = len(rows) - 1
     companions = np.zeros((len(gaps), size, size))
     companions[:, 0, :] = -(rows[1:] / rows[0]).T
@@ -140,11 +144,11 @@ def _first_change(
 ) -> tuple[float, float] | None:
     """Return a stable value and a larger unstable one next to it on the grid."""
     if stable(up[0]):
-        for low, high in zip(up, up[1:], strict=False):
+        for low, high in pairwise(up):
             if not stable(high):
                 return float(low), float(high)
         return None
-    for high, low in zip(down, down[1:], strict=False):
+    for high, low in pairwise(down):
         if stable(low):
             return float(low), float(high)
     return None

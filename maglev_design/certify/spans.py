@@ -69,7 +69,7 @@ class StableSet:
     def around(self, number: Fraction) -> Span | None:
         """Return the interval that contains `number`, else the first, else None."""
         inside = [span for span in self.spans if span.contains(number)]
-        return (inside or list(self.spans) or [None])[0]
+        return next(iter([*inside, *self.spans]), None)
 
     def as_dict(self, number: Fraction) -> dict[str, Any]:
         """Return the set for JSON: the interval around `number`, and all of them."""

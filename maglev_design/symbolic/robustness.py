@@ -2,7 +2,7 @@
 
 The controller stays, the plant's beta is beta_c/r. Every polynomial of the loop is a *pencil*
 
-    chi = fixed + rho (gain + C_Y^ gain_C_Y),
+    chi = fixed + rho (gain + C_Y^ gain_c_y),
 
 and r enters through rho and C_Y^ alone. With v = 1/rho(Y), what the controller takes the loop's
 gain to be at Y over what it is, r = scale v^power with a rational scale, C_Y^ is affine in v, and
@@ -32,6 +32,8 @@ ratio = Symbol("r", positive=True)
 """beta_c/beta [-]."""
 quotient = Symbol("v", positive=True)
 """1/rho at Y [-]."""
+GAP = Symbol("y", positive=True)
+"""[m] The gap y, known to be positive."""
 
 
 @dataclass(frozen=True)
@@ -40,14 +42,13 @@ class Pencil:
 
     Attributes
     ----------
-    fixed, gain, gain_C_Y : tuple of Expr
-        In chi = fixed + rho (gain + C_Y^ gain_C_Y): of C_Y' and the gains; sampled also of T and
-        T_1. The first of `fixed` is 1, the first of the others 0.
+    fixed, gain, gain_c_y : tuple of Expr
+        In chi = fixed + rho (gain + C_Y^ gain_c_y): of C_Y' and the gains.
     """
 
     fixed: tuple[Expr, ...]
     gain: tuple[Expr, ...]
-    gain_C_Y: tuple[Expr, ...]
+    gain_c_y: tuple[Expr, ...]
 
 
 def continuous_pencil(law: ControlLaw) -> Pencil:
@@ -55,8 +56,34 @@ def continuous_pencil(law: ControlLaw) -> Pencil:
     return _pencil(stability.closed_loop_polynomial(law))
 
 
-def sampled_pencil(law: ControlLaw, method: Method, *, split: bool) -> Pencil:
-    """Return the sampled loop's polynomial in z as a pencil, less whole periods of delay.
+@dataclass(frozen=True)
+class SampledParts:
+    """What the sampled loop's pencil in z is the product of, coefficients highest power first.
+
+        fixed = plant_den law_den,  gain = plant_gap law_gap + plant_velocity law_velocity,
+
+    and gain_c_y likewise with the last two, less whole periods of delay (a power of z in `fixed`).
+
+    Attributes
+    ----------
+    plant_gap, plant_velocity, plant_den : tuple of Expr
+        Of C_Y', T and T_1.
+    law_den, law_gap, law_velocity, law_gap_c_y, law_velocity_c_y : tuple of Expr
+        Of T and the gains, all of one length.
+    """
+
+    plant_gap: tuple[Expr, ...]
+    plant_velocity: tuple[Expr, ...]
+    plant_den: tuple[Expr, ...]
+    law_den: tuple[Expr, ...]
+    law_gap: tuple[Expr, ...]
+    law_velocity: tuple[Expr, ...]
+    law_gap_c_y: tuple[Expr, ...]
+    law_velocity_c_y: tuple[Expr, ...]
+
+
+def sampled_parts(law: ControlLaw, method: Method, *, split: bool) -> SampledParts:
+    """Return the factors of the sampled loop's pencil.
 
     Parameters
     ----------
@@ -65,32 +92,27 @@ def sampled_pencil(law: ControlLaw, method: Method, *, split: bool) -> Pencil:
         that stands for the earlier voltage is left out.
     """
     pulse = stability.sampled_law(law, method)
+    gap, velocity = stability.sampled_plant("gap"), stability.sampled_plant("velocity")
+    through = [list(gap.numerator), list(velocity.numerator), list(gap.denominator)]
+    if not split:
+        through = [[c.subs(stability.first_part, 0) for c in part] for part in through]
+        if any(part.pop() != 0 for part in through):
+            raise ArithmeticError("the loop without delay keeps a pole that it does not have")
     loop_gain = stability.believed(law.loop_gain)
-    numerator: list[Expr] = []
-    denominator: list[Expr] = []
-    outputs = (("gap", pulse.gap), ("velocity", pulse.velocity))
-    for output, through in outputs:
-        seen = stability.sampled_plant(output)  # type: ignore[arg-type]  # the two literals above
-        above, below = list(seen.numerator), list(seen.denominator)
-        if not split:
-            above, below = ([c.subs(stability.first_part, 0) for c in x] for x in (above, below))
-            if above.pop() != 0 or below.pop() != 0:
-                raise ArithmeticError("the loop without delay keeps a pole that it does not have")
-        part = _product(above, [loop_gain * c for c in through])
-        numerator = [a + b for a, b in zip(numerator, part, strict=True)] if numerator else part
-        denominator = _product(below, pulse.denominator)
-    short = len(denominator) - len(numerator)
-    scaled = [*([sp.Integer(0)] * short), *numerator]
-    chi = [a + p.rho * sp.cancel(b) for a, b in zip(denominator, scaled, strict=True)]
-    return _pencil(chi)
-
-
-def _product(a: Sequence[Expr], b: Sequence[Expr]) -> list[Expr]:
-    result: list[Expr] = [sp.Integer(0)] * (len(a) + len(b) - 1)
-    for i, x in enumerate(a):
-        for j, y in enumerate(b):
-            result[i + j] += x * y
-    return result
+    by_gap, by_velocity = (
+        _pencil([p.rho * loop_gain * c for c in part]) for part in (pulse.gap, pulse.velocity)
+    )
+    plant_gap, plant_velocity, plant_den = (tuple(part) for part in through)
+    return SampledParts(
+        plant_gap=plant_gap,
+        plant_velocity=plant_velocity,
+        plant_den=plant_den,
+        law_den=pulse.denominator,
+        law_gap=by_gap.gain,
+        law_velocity=by_velocity.gain,
+        law_gap_c_y=by_gap.gain_c_y,
+        law_velocity_c_y=by_velocity.gain_c_y,
+    )
 
 
 def _pencil(coefficients: Sequence[Expr]) -> Pencil:
@@ -145,13 +167,12 @@ def uncertainty(law: ControlLaw, reading: Equilibrium, *, measured: bool) -> Unc
     known = {} if measured else {p.U: held}
     _, c_u_hat, c_y_hat = (x.subs(known) for x in believed_coefficients(plant, lin, reading))
     beta_hat = believed_beta(plant, reading).subs(known)
-    gap = Symbol("y", positive=True)
-    voltage = held.subs(p.Y, gap)
-    c_u = lin.C_U_rest.subs(p.U, held).subs(p.Y, gap)
-    slope = law.slope.subs({p.u: voltage, p.y_ref: gap, p.beta_c: beta_hat})
+    voltage = held.subs(p.Y, GAP)
+    c_u = lin.C_U_rest.subs(p.U, held).subs(p.Y, GAP)
+    slope = law.slope.subs({p.u: voltage, p.y_ref: GAP, p.beta_c: beta_hat})
     rho = c_u * slope / stability.believed(law.loop_gain).subs(p.C_U_hat, c_u_hat)
     rho = sp.simplify(sp.powdenest(rho, force=True))
-    at_y = sp.powdenest(sp.expand_power_base(rho.subs(gap, p.Y), force=True), force=True)
+    at_y = sp.powdenest(sp.expand_power_base(rho.subs(GAP, p.Y), force=True), force=True)
     factor, exponent = sp.simplify(at_y**2).as_coeff_exponent(ratio)
     if exponent not in (0, -1, -2) or factor.has(ratio) or (exponent == 0 and factor != 1):
         raise ArithmeticError(f"rho^2 = {sp.simplify(at_y**2)} is no power of the ratio")
@@ -161,7 +182,7 @@ def uncertainty(law: ControlLaw, reading: Equilibrium, *, measured: bool) -> Unc
     seen = sp.expand(sp.simplify(c_y_hat).subs(ratio, scale * quotient**power))
     if not sp.Poly(seen, quotient).degree() <= 1:
         raise ArithmeticError(f"C_Y^ = {seen} is not affine in v")
-    shape = sp.simplify(rho / rho.subs(gap, p.Y)).subs(gap, p.y)
+    shape = sp.simplify(rho / rho.subs(GAP, p.Y)).subs(GAP, p.y)
     return Uncertainty(shape, sp.simplify(scale), power, seen)
 
 
@@ -173,25 +194,30 @@ def stability_conditions(law: ControlLaw) -> tuple[Expr, ...]:
     """
     found: list[Expr] = []
     for condition in stability.routh_hurwitz(stability.closed_loop_polynomial(law)):
+        rest = condition
         for known in found:
-            shorter = sp.cancel(condition / known)
-            condition = shorter if sp.fraction(shorter)[1] == 1 else condition
-        found.append(sp.factor(condition))
+            shorter = sp.cancel(rest / known)
+            rest = shorter if sp.fraction(shorter)[1] == 1 else rest
+        found.append(sp.factor(rest))
     return tuple(found)
 
 
 def largest_ratio(reading: Equilibrium, *, measured: bool, law: ControlLaw) -> Expr | None:
     """Return in closed form the beta_c/beta below which the TAN-GPI loop with (25) is stable.
 
-    From rho (omega_n^2 + C_Y^) > C_Y' + omega_n^2/(4 zeta^2 + 1) with rho = shape/v: affine in v.
-    None where no ratio enters; where the coefficient of v is not negative, every ratio is stable.
+    From rho (omega_n^2 + C_Y^) > C_Y' + omega_n^2/(4 zeta^2 + 1) with rho = shape/v: the difference
+    times v falls along a line in v. None where no ratio enters.
     """
     enters = uncertainty(law, reading, measured=measured)
     if enters.power == 0:
         return None
-    true = linearise(p.magnetic_levitation()).C_Y_rest.subs(p.Y, p.y)
+    true = linearise(p.magnetic_levitation()).C_Y_rest.subs(p.Y, GAP)
     condition = stability.stability_condition().subs(
-        {p.rho: enters.shape / quotient, p.C_Y_hat: enters.C_Y_hat, p.C_Y_true: true}
+        {p.rho: enters.shape / quotient, p.C_Y_hat: enters.C_Y_hat, p.C_Y_true: true, p.y: GAP}
     )
-    (end,) = sp.solve(sp.expand(condition * quotient), quotient)
-    return sp.factor(sp.simplify(enters.scale * end**enters.power))
+    above, below = sp.fraction(sp.cancel(condition.subs(p.y, GAP) * quotient))
+    line = sp.Poly(above, quotient)
+    slope, level = (sp.factor(line.coeff_monomial(quotient**n) / below) for n in (1, 0))
+    if not slope.is_negative:
+        raise ArithmeticError(f"the margin under {reading} does not fall with the ratio")
+    return sp.factor(enters.scale * (-level / slope) ** enters.power)
