@@ -18,7 +18,7 @@ from maglev_design.certify.enclosures import Arithmetic
 from maglev_design.certify.jets import Jet, order_for, widened
 from maglev_design.certify.positivity import middle_and_radius, positive
 from maglev_design.certify.routh import hurwitz_determinant, is_hurwitz
-from maglev_design.certify.sampled import Affine, Setting, Timing, expand
+from maglev_design.certify.sampled import Affine, Setting, Timing, enclose, expand
 from maglev_design.certify.sampled_interval import sampled_ratios_at
 from maglev_design.certify.spans import INFINITY, ZERO, End, Span, StableSet
 from maglev_design.choices import Equilibrium
@@ -45,6 +45,10 @@ def proved_over(loop: Setting, when: Timing, gaps: Range, quotients: Range) -> b
         Of v in beta_c/beta = scale v^power.
     """
     arithmetic, done = Arithmetic(PRECISION), 0
+    for gap in gaps:
+        affine = enclose(loop, when, gap, arithmetic)
+        if any(is_hurwitz(affine.at(arithmetic.number(v))) is False for v in quotients):
+            return False  # a corner is a counterexample
     ends = sorted(loop.coefficient(gap) for gap in gaps)
     todo = [(ends[0], ends[1])]
     while todo:
