@@ -42,6 +42,7 @@ FLOORS = {
 
 HEAVY = {
     "sympy": {"symbolic", "lowering", "programs", "certify", "paper", "report"},
+    "mpmath": {"certify"},
     "casadi": {"lowering", "loop", "simulate", "tune"},
     "cvxpy": {"certify"},
     "clarabel": {"certify"},
@@ -59,6 +60,7 @@ HEAVY = {
 
 LATE = {
     "sympy",
+    "mpmath",
     "casadi",
     "numpy",
     "control",

@@ -1,30 +1,14 @@
-"""Robustness that is proved, not sampled.
+"""Robustness that is proved, not sampled; each room is imported by its own name.
 
-Margins by python-control, Lyapunov functions checked in exact arithmetic; in modules of their own,
-asked for by name because they load more: the exact interval of the ratio and the region of initial
-errors that the nonlinear loop survives.
+=================  ================================================================================
+``assessment``     everything below on one design except Lyapunov functions and the region
+``interval``       the exact set of ratios beta_c/beta, and of gaps, of the continuous loop
+``sampled_*``      the same for the sampled loop, enclosed; its largest period and delay
+``margins``        gain, phase, delay, Ms, Mt and disk margin by python-control
+``lmi``            a common quadratic Lyapunov function over gaps and ratios, by an LMI
+``exact``          the check of such a function in rational arithmetic; ``enclosure`` its vertices
+``certificate``    the written certificate, and its check without solver and without CasADi
+``region``         initial errors that the nonlinear, saturated loop is guaranteed to survive
+``region_map``     the same plane by simulation
+=================  ================================================================================
 """
-
-from maglev_design.certify.certificate import CheckResult, check, write
-from maglev_design.certify.lmi import (
-    LmiCertificate,
-    LmiStatus,
-    certify_family,
-    certify_sampled,
-    widest_sampled,
-)
-from maglev_design.certify.margins import Margin, Margins, sampled_margins
-
-__all__ = [
-    "CheckResult",
-    "LmiCertificate",
-    "LmiStatus",
-    "Margin",
-    "Margins",
-    "certify_family",
-    "certify_sampled",
-    "check",
-    "sampled_margins",
-    "widest_sampled",
-    "write",
-]

@@ -1,16 +1,33 @@
-"""Margins of the sampled loop by python-control, at the worst point of the family."""
+"""Margins by python-control: continuous and sampled, point by point and at their worst."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from functools import cache
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:  # a certificate is checked without CasADi, which these bring
-    from maglev_design.loop import Family, Loop
+from maglev_design import design as designs
+from maglev_design.certify.sampled import Setting, setting
+from maglev_design.choices import TAN_GPI, Controller, Equilibrium
+from maglev_design.design import PoleSpec
+from maglev_design.loop import Family, Loop
+from maglev_design.lowering import Program, lower
+from maglev_design.parameters import Rig
+from maglev_design.symbolic import plant as p
+from maglev_design.symbolic import robustness
+
+Array = NDArray[np.float64]
+OpenLoop = Callable[[float, float], tuple[Array, Array]]
+"""(gap, ratio) -> numerator and denominator of the open loop, highest power first."""
+FREQUENCIES = 1000
+"""Points of the frequency response that python-control interpolates."""
+DECADES = 2
+"""How far a continuous response reaches beyond the slowest and the fastest pole."""
 
 
 @dataclass(frozen=True)
@@ -34,29 +51,52 @@ class Margin:
 
 @dataclass(frozen=True)
 class Margins:
-    """Margins of a sampled loop, each at its worst gap and ratio.
+    """Margins of a loop, each at its worst gap and ratio.
 
     Attributes
     ----------
-    ms : Margin
-        max |S|, one over the distance of the Nyquist curve from -1.
+    ms, mt : Margin
+        max |S|, one over the distance of the Nyquist curve from -1, and max |T|.
     gain_up, gain_down : Margin
         Factors by which the loop gain may rise and fall; the plant is unstable, so both exist.
     phase_deg : Margin
         Phase margin [deg].
     delay_s : Margin
         Further delay until instability [s].
+    disk : Margin
+        Radius alpha of the balanced disk margin: simultaneous changes of gain within
+        (2 - alpha)/(2 + alpha) to its inverse and of phase within 2 atan(alpha/2) are survived
+        (Seiler, Packard and Gahinet, IEEE Control Systems 40(5), 2020).
     """
 
     ms: Margin
+    mt: Margin
     gain_up: Margin
     gain_down: Margin
     phase_deg: Margin
     delay_s: Margin
+    disk: Margin
 
     def as_dict(self) -> dict[str, Any]:
         """Return the margins for JSON."""
         return asdict(self)
+
+
+LARGEST_IS_WORST = {"ms", "mt", "gain_down"}
+NAMES = ("ms", "mt", "gain_up", "gain_down", "phase_deg", "delay_s", "disk")
+
+
+@dataclass(frozen=True)
+class PointMargins:
+    """The margins at one gap [m] and ratio, by the names of :class:`Margins`."""
+
+    gap: float
+    ratio: float
+    values: tuple[float, ...]
+
+    def as_dict(self) -> dict[str, float]:
+        """Return the margins for JSON."""
+        return {"gap": self.gap, "ratio": self.ratio} | dict(zip(NAMES, self.values, strict=True))
 
 
 def sampled_margins(loop: Loop, poles: Sequence[float], over: Family) -> Margins:
@@ -67,48 +107,111 @@ def sampled_margins(loop: Loop, poles: Sequence[float], over: Family) -> Margins
     poles : sequence of float
         (zeta_1, omega_1, zeta_2, omega_2).
     """
-    rows = []
-    for gap, ratio in over.grid(3, 2).T:
+    return worst(point_margins(sampled_open_loop(loop, poles), over, loop.period))
+
+
+def sampled_open_loop(loop: Loop, poles: Sequence[float]) -> OpenLoop:
+    """Return the open loop of the sampled controller, -P H in z."""
+
+    def at(gap: float, ratio: float) -> tuple[Array, Array]:
         numerator, denominator = loop.open_loop(poles, gap, ratio)
-        rows.append(
-            (float(gap), float(ratio), *_at(numerator.full(), denominator.full(), loop.period))
-        )
-    table = np.array(rows)
+        return numerator.full().ravel(), denominator.full().ravel()
 
-    def worst(column: int, largest: bool) -> Margin:
-        values = table[:, column]
-        pick = int(np.argmax(values) if largest else np.argmin(values))
-        return Margin(float(values[pick]), float(table[pick, 0]), float(table[pick, 1]))
+    return at
 
-    return Margins(
-        ms=worst(2, True),
-        gain_up=worst(3, False),
-        gain_down=worst(4, True),
-        phase_deg=worst(5, False),
-        delay_s=worst(6, False),
+
+def continuous_open_loop(
+    rig: Rig, poles: PoleSpec, equilibrium: Equilibrium, controller: Controller = TAN_GPI
+) -> OpenLoop:
+    """Return the open loop of the continuous controller, rho (gain + C_Y^ gain_c_y)/fixed in s."""
+    own = setting(rig, poles, equilibrium, rig.sampling.method, controller)
+    program = _pencil_program(controller)
+
+    def at(gap: float, ratio: float) -> tuple[Array, Array]:
+        true, rho, seen = _numbers(own, gap, ratio)
+        values = np.array(program.scalar()(true, *map(float, own.gains)))
+        fixed, gain, gain_c_y = np.split(values, 3)
+        return rho * (gain + seen * gain_c_y), fixed
+
+    return at
+
+
+@cache
+def _pencil_program(controller: Controller) -> Program:
+    law = designs.law(controller)
+    pencil = robustness.continuous_pencil(law)
+    parts = (("f", pencil.fixed), ("g", pencil.gain), ("h", pencil.gain_c_y))
+    named = {f"{name}{n}": x for name, part in parts for n, x in enumerate(part)}
+    return lower((p.C_Y_true, *law.gains), named)
+
+
+def _numbers(own: Setting, gap: float, ratio: float) -> tuple[float, float, float]:
+    """Return C_Y', rho and C_Y^ at a gap [m] and a ratio."""
+    true = float(own.weight) / (gap + float(own.offset))
+    quotient = (ratio / float(own.scale)) ** (1 / own.power) if own.power else 1.0
+    (a, b), (c, d) = own.shape, own.C_Y_hat
+    return true, float(a + b * true) / quotient, float(c) + float(d) * quotient
+
+
+def point_margins(
+    open_loop: OpenLoop, over: Family, period: float | None
+) -> tuple[PointMargins, ...]:
+    """Return the margins at the ends and the middle of the gaps, times the ends of the ratios.
+
+    Parameters
+    ----------
+    period : float or None
+        T [s]; None for a continuous loop.
+    """
+    return tuple(
+        PointMargins(float(gap), float(ratio), _at(*open_loop(float(gap), float(ratio)), period))
+        for gap, ratio in over.grid(3, 2).T
     )
 
 
-def _at(numerator: Any, denominator: Any, period: float) -> tuple[float, ...]:
-    """Return (Ms, gain up, gain down, phase [deg], delay [s]) of one loop."""
+def worst(points: Sequence[PointMargins]) -> Margins:
+    """Return each margin at its worst point; an unstable point is worse than any."""
+
+    def pick(column: int) -> Margin:
+        values = np.array([point.values[column] for point in points])
+        sign = 1.0 if NAMES[column] in LARGEST_IS_WORST else -1.0
+        at = int(np.argmax(np.where(np.isnan(values), math.inf, sign * values)))
+        return Margin(float(values[at]), points[at].gap, points[at].ratio)
+
+    return Margins(*(pick(column) for column in range(len(NAMES))))
+
+
+def _at(numerator: Array, denominator: Array, period: float | None) -> tuple[float, ...]:
+    """Return the margins of one loop, in the order of NAMES."""
     import control  # noqa: PLC0415 - heavy, and needed only here
 
-    system = control.tf(numerator.ravel(), denominator.ravel(), period)
-    if np.abs(system.feedback(1).poles()).max() >= 1:
-        return (math.nan,) * 5
-    omega = np.geomspace(1e-3, 1.0, 1000) * math.pi / period
+    closed = np.asarray(np.roots(np.polyadd(denominator, numerator)), dtype=complex)
+    if (closed.real.max() >= 0) if period is None else (np.abs(closed).max() >= 1):
+        return (math.nan,) * len(NAMES)
+    system = control.tf(numerator, denominator, 0 if period is None else period)
+    omega = _frequencies(closed, period)
     response = control.frd(system, omega, smooth=True)
     gains, phases, distances, _, crossings, _ = control.stability_margins(response, returnall=True)
     up, down = gains[gains > 1], gains[gains < 1]
+    values = response.eval(omega).ravel()
     # a distance without a local minimum is smallest at an end of the frequencies
-    nearest = (
-        float(np.abs(1 + response.eval(omega).ravel()).min()) if not distances.size else math.inf
-    )
+    nearest = float(np.abs(1 + values).min()) if not distances.size else math.inf
     delays = np.deg2rad(np.abs(phases)) / crossings
+    disk, _, _ = control.disk_margins(system, omega)
     return (
         1 / min(float(distances.min(initial=math.inf)), nearest),
+        float(np.abs(values / (1 + values)).max()),
         float(up.min()) if up.size else math.inf,
         float(down.max()) if down.size else 0.0,
         float(np.abs(phases).min()) if phases.size else math.inf,
         float(delays.min()) if delays.size else math.inf,
+        float(disk),
     )
+
+
+def _frequencies(closed: NDArray[np.complex128], period: float | None) -> Array:
+    """Return the frequencies [rad/s] of a response: up to Nyquist's, or around the poles."""
+    if period is not None:
+        return np.asarray(np.geomspace(1e-3, 1.0, FREQUENCIES) * math.pi / period)
+    speeds, beyond = np.abs(closed), 10.0**DECADES
+    return np.asarray(np.geomspace(speeds.min() / beyond, speeds.max() * beyond, FREQUENCIES))

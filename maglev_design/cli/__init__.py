@@ -366,6 +366,55 @@ def tune(
 
 
 @app.command()
+def certify(
+    design: Annotated[
+        Path | None, typer.Argument(help="A saved design.json; its rig and controller are used.")
+    ] = None,
+    rig: Annotated[
+        str | None, typer.Option("--rig", help="A rig file (FILE.toml) or the name of a preset.")
+    ] = None,
+    controller: Annotated[ControllerName | None, typer.Option(help="Which law.")] = None,
+    zeta: Annotated[float | None, typer.Option(help="Damping of the poles [-].")] = None,
+    omega_n: Annotated[float | None, typer.Option(help="Frequency of the poles [rad/s].")] = None,
+    equilibrium: Annotated[
+        Equilibrium | None, typer.Option(help="How the controller learns U, C_U and C_Y.")
+    ] = None,
+    method: Annotated[Method | None, typer.Option(help="Discretisation of the law.")] = None,
+    gap_range: Annotated[
+        tuple[float, float] | None,
+        typer.Option(help="Gaps [m] instead of the hull of the path, the initial gap and Y."),
+    ] = None,
+    beta_error: Annotated[
+        float | None, typer.Option(help="u: the family is beta_c/beta in [1-u, 1+u].")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder for the result.")
+    ] = None,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Prove for which beta, gaps, periods and delays a controller is stable, and its margins."""
+    from maglev_design.cli import certify_verb  # noqa: PLC0415
+
+    certify_verb.certify(
+        certify_verb.Request(
+            design=design,
+            rig=rig,
+            controller=controller,
+            zeta=zeta,
+            omega_n=omega_n,
+            equilibrium=equilibrium,
+            method=method,
+            gap_range=gap_range,
+            beta_error=beta_error,
+        ),
+        output,
+        force=force,
+        as_json=json,
+    )
+
+
+@app.command()
 def compare(
     rig: RigOption = DEFAULT_PRESET,
     design: Annotated[

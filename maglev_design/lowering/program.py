@@ -51,14 +51,22 @@ class Program:
     operations: tuple[Operation, ...]
     results: tuple[int, ...]
 
-    def evaluate(self, operators: Mapping[str, Callable[..., Any]], *values: Any) -> list[Any]:
-        """Run the program on `values` with the given `operators`, one result an output."""
+    def evaluate(
+        self,
+        operators: Mapping[str, Callable[..., Any]],
+        *values: Any,
+        constant: Callable[[float], Any] = float,
+    ) -> list[Any]:
+        """Run the program on `values` with the given `operators`, one result an output.
+
+        `constant` makes a value of a constant, for operators that take no plain floats.
+        """
         if len(values) != len(self.inputs):
             raise TypeError(f"expected {len(self.inputs)} values: {', '.join(self.inputs)}")
         slots: list[Any] = list(values)
         for operation in self.operations[len(values) :]:
             if operation.name == "const":
-                slots.append(operation.constant)
+                slots.append(constant(operation.constant))
             else:
                 slots.append(operators[operation.name](*[slots[a] for a in operation.arguments]))
         return [slots[position] for position in self.results]

@@ -6,7 +6,7 @@ Inputs and outputs of each are described where it is called, in :mod:`maglev_des
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 
 import sympy as sp
@@ -39,8 +39,9 @@ def equation(method: Method, controller: Controller) -> running.DifferenceEquati
     return running.difference_equation(law(controller), method)
 
 
-def gains(controller: Controller) -> Program:
-    """Return the law's gains for two pole pairs, or for a pair and a real pole."""
+@cache
+def gain_expressions(controller: Controller) -> Mapping[sp.Symbol, sp.Expr]:
+    """Return a law's gains, in its order, in (zeta_1, omega_1, zeta_2, omega_2)."""
     first, second = (p.zeta_1, p.omega_1), (p.zeta_2, p.omega_2)
     order = laws.closed_loop_order(controller)
     if order == 4:
@@ -50,7 +51,14 @@ def gains(controller: Controller) -> Program:
     matched = laws.match_coefficients(desired, order)
     known = dict(zip(law(controller).gains, matched, strict=False))
     known |= {laws.omega_f: sp.Rational(repr(controller.filter)) * p.omega_2}
-    return lower((*first, *second), {gain.name: known[gain] for gain in law(controller).gains})
+    return {gain: known[gain] for gain in law(controller).gains}
+
+
+def gains(controller: Controller) -> Program:
+    """Return the law's gains for two pole pairs, or for a pair and a real pole."""
+    inputs = (p.zeta_1, p.omega_1, p.zeta_2, p.omega_2)
+    wanted = gain_expressions(controller)
+    return lower(inputs, {gain.name: value for gain, value in wanted.items()})
 
 
 def _own_constants(expressions: Iterable[sp.Expr]) -> list[sp.Symbol]:

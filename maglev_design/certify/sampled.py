@@ -1,0 +1,275 @@
+"""The sampled loop enclosed in intervals, for every period, delay, gap and ratio.
+
+z = (1 + w)/(1 - w) takes the unit disc to the left half-plane. The coefficients of v chi in w are
+alpha_i + beta_i v; alpha and beta are transcendental in T and C_Y' and enclosed: for one gap to
+many digits, for a range of gaps as Taylor series in C_Y' (:mod:`maglev_design.certify.jets`), term
+by term, which keeps what the bilinear map cancels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache
+from math import comb
+from typing import Any
+
+import sympy as sp
+from sympy import Symbol
+
+from maglev_design import design as designs
+from maglev_design.certify.algebraic import fraction
+from maglev_design.certify.enclosures import Arithmetic
+from maglev_design.certify.interval import exact_gains, exact_values
+from maglev_design.certify.jets import Jet
+from maglev_design.choices import TAN_GPI, Controller, Equilibrium, Method
+from maglev_design.design import PoleSpec
+from maglev_design.lowering import Program, lower
+from maglev_design.parameters import Rig
+from maglev_design.symbolic import plant as p
+from maglev_design.symbolic import robustness, stability
+from maglev_design.symbolic.linearisation import linearise
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a sampled loop is made of, but for its period and delay; exact.
+
+    Attributes
+    ----------
+    method, controller
+        As run.
+    gains : tuple of Fraction
+    shape : tuple of Fraction
+        rho v = shape[0] + shape[1] C_Y'.
+    C_Y_hat : tuple of Fraction
+        C_Y^ = C_Y_hat[0] + C_Y_hat[1] v.
+    scale, power
+        Of beta_c/beta = scale v^power.
+    weight, offset : Fraction
+        C_Y' = weight/(y + offset), y the gap.
+    """
+
+    method: Method
+    controller: Controller
+    gains: tuple[Fraction, ...]
+    shape: tuple[Fraction, Fraction]
+    C_Y_hat: tuple[Fraction, Fraction]
+    scale: Fraction
+    power: int
+    weight: Fraction
+    offset: Fraction
+
+    def coefficient(self, gap: Fraction) -> Fraction:
+        """Return C_Y' [1/s^2] at a gap [m]."""
+        return self.weight / (gap + self.offset)
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Period T and delay n T + T_1 [s], exact."""
+
+    period: Fraction
+    whole: int
+    part: Fraction
+
+
+def timing(period: Fraction, delay: Fraction) -> Timing:
+    """Return the delay in whole periods and what is left."""
+    whole = delay // period
+    return Timing(period, int(whole), delay - whole * period)
+
+
+def setting(
+    rig: Rig,
+    poles: PoleSpec,
+    equilibrium: Equilibrium,
+    method: Method,
+    controller: Controller = TAN_GPI,
+) -> Setting:
+    """Return the exact numbers of a rig's sampled loop."""
+    law, point = designs.law(controller), rig.operating_point
+    enters = robustness.uncertainty(law, equilibrium, measured=point.voltage is not None)
+    numbers = exact_values(rig)
+    true = linearise(p.magnetic_levitation()).C_Y_rest
+    weight = sp.simplify(true * (p.Y + p.y0)).subs(numbers)
+    gap = weight / p.C_Y_true - numbers[p.y0]
+    shape = sp.simplify(enters.shape.subs(p.y, gap).subs(numbers))
+    seen = enters.C_Y_hat.subs(numbers)
+    return Setting(
+        method,
+        controller,
+        tuple(fraction(gain) for gain in exact_gains(poles, controller).values()),
+        _affine(shape, p.C_Y_true),
+        _affine(seen, robustness.quotient),
+        fraction(enters.scale.subs(numbers)),
+        enters.power,
+        fraction(weight),
+        fraction(numbers[p.y0]),
+    )
+
+
+def _affine(expression: sp.Expr, variable: Symbol) -> tuple[Fraction, Fraction]:
+    """Return (a, b) of a + b x."""
+    polynomial = sp.Poly(expression, variable)
+    if polynomial.degree() > 1:
+        raise ArithmeticError(f"{expression} is not affine in {variable}")
+    constant, slope = (polynomial.coeff_monomial(variable**n) for n in (0, 1))
+    return fraction(constant), fraction(slope)
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Programs for the factors of the pencil, and how many coefficients each factor has.
+
+    Attributes
+    ----------
+    law : Program
+        (T, gains) -> law_den, law_gap, law_velocity, law_gap_c_y, law_velocity_c_y.
+    plant : Program
+        (C_Y', T, T_1) -> plant_den, plant_gap, plant_velocity.
+    sizes : tuple of int
+        Of the plant's three.
+    """
+
+    law: Program
+    plant: Program
+    sizes: tuple[int, int, int]
+
+    def pencil(
+        self, law: Sequence[Any], plant: Sequence[Any], zero: Any, whole: int
+    ) -> list[list[Any]]:
+        """Return fixed, gain and gain_c_y in z, of one length, from what the programs return."""
+        width = len(law) // 5
+        den, gap, velocity, gap_c_y, velocity_c_y = (
+            law[n * width : (n + 1) * width] for n in range(5)
+        )
+        first, second, _ = self.sizes
+        plant_den, plant_gap = plant[:first], plant[first : first + second]
+        plant_velocity = plant[first + second :]
+        late = [zero] * whole  # z^n on the denominator alone
+        rows = [[*_product(plant_den, den), *late]]
+        for by_gap, by_velocity in ((gap, velocity), (gap_c_y, velocity_c_y)):
+            seen = _product(plant_gap, by_gap)
+            moved = _product(plant_velocity, by_velocity)
+            both = [a + b for a, b in zip(seen, moved, strict=True)]
+            rows.append([zero] * (len(rows[0]) - len(both)) + both)
+        return rows
+
+
+def _product(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
+    """Return the coefficients of the product of two polynomials."""
+    sums: list[list[Any]] = [[] for _ in range(len(a) + len(b) - 1)]
+    for i, x in enumerate(a):
+        for j, y in enumerate(b):
+            sums[i + j].append(x * y)
+    return [sum(terms[1:], start=terms[0]) for terms in sums]
+
+
+@cache
+def parts(method: Method, controller: Controller, split: bool) -> Parts:
+    """Return the programs of a sampled loop."""
+    law = designs.law(controller)
+    made = robustness.sampled_parts(law, method, split=split)
+    plant = (made.plant_den, made.plant_gap, made.plant_velocity)
+    own = (made.law_den, made.law_gap, made.law_velocity, made.law_gap_c_y, made.law_velocity_c_y)
+    return Parts(
+        _lowered((p.T, *law.gains), own),
+        _lowered((p.C_Y_true, p.T, stability.first_part), plant),
+        (len(plant[0]), len(plant[1]), len(plant[2])),
+    )
+
+
+def _lowered(inputs: Sequence[Symbol], groups: Sequence[Sequence[sp.Expr]]) -> Program:
+    """Lower expressions all of whose constants are doubles: none may be rounded on the way."""
+    outputs = {
+        f"{name}{n}": x
+        for name, group in zip("abcde", groups, strict=False)
+        for n, x in enumerate(group)
+    }
+    constants = {q for x in outputs.values() for q in sp.sympify(x).atoms(sp.Rational)}
+    if any(Fraction(float(q)) != fraction(q) for q in constants):
+        raise ArithmeticError("a constant of the pencil is no double; it would be rounded")
+    return lower(inputs, outputs)
+
+
+@dataclass(frozen=True)
+class Affine:
+    """Coefficients alpha_i + beta_i v of a polynomial in w, highest power first, enclosed.
+
+    Numbers where the gap is one; jets in C_Y' over a range of gaps.
+    """
+
+    alpha: tuple[Any, ...]
+    beta: tuple[Any, ...]
+
+    def at(self, v: Any) -> list[Any]:
+        """Return the coefficients at a number v."""
+        return [a + b * v for a, b in zip(self.alpha, self.beta, strict=True)]
+
+
+def enclose(loop: Setting, when: Timing, gap: Fraction, arithmetic: Arithmetic) -> Affine:
+    """Return the polynomial in w of v chi at one gap [m]."""
+    at = arithmetic.number(loop.coefficient(gap))
+    alpha, beta = (_in_w(x) for x in _in_z(loop, when, at, arithmetic, 0))
+    return Affine(tuple(x.terms[0] for x in alpha), tuple(x.terms[0] for x in beta))
+
+
+def expand(loop: Setting, when: Timing, at: Any, arithmetic: Arithmetic, order: int) -> Affine:
+    """Return the polynomial in w of v chi as jets in C_Y' at an enclosed C_Y'."""
+    alpha, beta = (_in_w(x) for x in _in_z(loop, when, at, arithmetic, order))
+    return Affine(tuple(alpha), tuple(beta))
+
+
+def _in_z(
+    loop: Setting, when: Timing, at: Any, arithmetic: Arithmetic, order: int
+) -> tuple[list[Jet], list[Jet]]:
+    """Return alpha and beta in z as jets in C_Y' at an enclosed point."""
+    zero = arithmetic.number(0)
+
+    def constant(exact: Fraction) -> Jet:
+        return Jet((arithmetic.number(exact),))
+
+    true = Jet((at, arithmetic.number(1), *[zero] * (order - 1))[: order + 1])
+    made = parts(loop.method, loop.controller, when.part > 0)
+    period, part = constant(when.period), constant(when.part)
+    gains = [constant(gain) for gain in loop.gains]
+    law = arithmetic.run(made.law, period, *gains, wrap=constant)
+    plant = arithmetic.run(made.plant, true, period, part, wrap=constant)
+    nothing = Jet((zero,) * (order + 1))
+    fixed, gains, gains_c_y = made.pencil(law, plant, nothing, when.whole)
+    rows = [
+        (a + nothing, b + nothing, c + nothing)
+        for a, b, c in zip(fixed, gains, gains_c_y, strict=True)
+    ]
+    seen, slope = (constant(x) for x in loop.C_Y_hat)
+    level, steepness = (constant(x) for x in loop.shape)
+    shape = level + steepness * true
+    alpha = [shape * (gain + seen * gain_c_y) for _, gain, gain_c_y in rows]
+    beta = [free + shape * slope * gain_c_y for free, _, gain_c_y in rows]
+    return alpha, beta
+
+
+def _in_w(coefficients: Sequence[Jet]) -> list[Jet]:
+    """Return (1 - w)^n p((1 + w)/(1 - w)) of p(z), highest power first."""
+    terms = list(zip(*(c.terms for c in coefficients), strict=True))
+    return [
+        Jet(tuple(sum(c * k for c, k in zip(term, row, strict=True)) for term in terms))
+        for row in _bilinear(len(coefficients) - 1)
+    ]
+
+
+@cache
+def _bilinear(degree: int) -> tuple[tuple[int, ...], ...]:
+    """Return what z^n, n falling, gives to w^k, k falling: coefficients of (1+w)^n (1-w)^(N-n)."""
+    return tuple(
+        tuple(
+            sum(
+                comb(n, j) * comb(degree - n, k - j) * (-1) ** (k - j)
+                for j in range(max(0, k - degree + n), min(n, k) + 1)
+            )
+            for n in range(degree, -1, -1)
+        )
+        for k in range(degree, -1, -1)
+    )

@@ -1,0 +1,193 @@
+"""The sampled loop proved stable at every gap of a range and every beta_c/beta of another.
+
+The range of gaps is cut into pieces. On a piece c_0, c_n and D_{n-1} are polynomials in v and
+C_Y' up to Taylor's remainder, enclosed; they are positive on the whole rectangle, and the loop is
+stable at its middle: then it is stable throughout. Where that stays open, the piece is halved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from math import isqrt
+
+import numpy as np
+
+from maglev_design.certify.algebraic import decimal
+from maglev_design.certify.enclosures import Arithmetic
+from maglev_design.certify.jets import Jet, order_for, widened
+from maglev_design.certify.positivity import middle_and_radius, positive
+from maglev_design.certify.routh import hurwitz_determinant, is_hurwitz
+from maglev_design.certify.sampled import Affine, Setting, Timing, enclose, expand
+from maglev_design.certify.sampled_interval import sampled_ratios_at
+from maglev_design.certify.spans import INFINITY, ZERO, End, Span, StableSet
+from maglev_design.choices import Equilibrium
+
+Range = tuple[Fraction, Fraction]
+PRECISION = 160
+"""[bit] Pieces are wide; digits beyond these do not narrow what is enclosed on them."""
+MOST_PIECES = 120
+"""Pieces of a range of gaps after which a proof is given up."""
+SLACKS = tuple(Fraction(1, 10**n) for n in (6, 4, 2))
+"""Relative distances from the ends over single gaps at which a proof for all is tried, in turn."""
+TRIED_GAPS = 5
+"""Single gaps among which the ends over a range are looked for."""
+
+
+def proved_over(loop: Setting, when: Timing, gaps: Range, quotients: Range) -> bool:
+    """Whether the loop is proved stable at every gap and every v of two closed ranges.
+
+    Parameters
+    ----------
+    gaps : tuple of Fraction
+        [m]
+    quotients : tuple of Fraction
+        Of v in beta_c/beta = scale v^power.
+    """
+    arithmetic, done = Arithmetic(PRECISION), 0
+    for gap in gaps:
+        affine = enclose(loop, when, gap, arithmetic)
+        if any(is_hurwitz(affine.at(arithmetic.number(v))) is False for v in quotients):
+            return False  # a corner is a counterexample
+    ends = sorted(loop.coefficient(gap) for gap in gaps)
+    todo = [(ends[0], ends[1])]
+    while todo:
+        low, high = todo.pop()
+        done += 1
+        verdict = _piece(loop, when, (low, high), quotients, arithmetic)
+        if verdict is None and done < MOST_PIECES and low < high:
+            middle = (low + high) / 2
+            todo += [(low, middle), (middle, high)]
+        elif not verdict:
+            return False
+    return True
+
+
+def _piece(
+    loop: Setting, when: Timing, true: Range, quotients: Range, arithmetic: Arithmetic
+) -> bool | None:
+    """Return whether a rectangle in C_Y' and v is stable; None where that is open."""
+    low, high = true
+    centre, half = (low + high) / 2, (high - low) / 2
+    v, reach = sum(quotients) / Fraction(2), (quotients[1] - quotients[0]) / 2
+    order = order_for(float(half / high))
+    at, whole = arithmetic.number(centre), arithmetic.between(low, high)
+    near = expand(loop, when, at, arithmetic, order - 1)
+    at_middle = [c.terms[0] for c in near.at(_constant(v, order - 1, arithmetic))]
+    verdict = is_hurwitz(at_middle)
+    if not verdict:
+        return verdict
+    rough = expand(loop, when, whole, arithmetic, order)
+    away = whole - at
+    far = Affine(
+        *(
+            tuple(widened(a, b.terms[-1], away) for a, b in zip(mine, last, strict=True))
+            for mine, last in ((near.alpha, rough.alpha), (near.beta, rough.beta))
+        )
+    )
+    try:
+        fronts = [_signs(x, v, reach, arithmetic) for x in (near, far)]
+    except ZeroDivisionError:
+        return None
+    for mine, last in zip(*fronts, strict=True):
+        table = []
+        for j, (a, b) in enumerate(zip(mine, last, strict=True)):
+            terms = [*a.terms, b.terms[-1]]
+            scale = arithmetic.number(reach**j)
+            table.append(
+                [
+                    middle_and_radius(c * scale * arithmetic.number(half**k))
+                    for k, c in enumerate(terms)
+                ]
+            )
+        if not positive(table):
+            return None
+    return True
+
+
+def _constant(exact: Fraction, order: int, arithmetic: Arithmetic) -> Jet:
+    zero = arithmetic.number(0)
+    return Jet((arithmetic.number(exact), *[zero] * order))
+
+
+def _signs(
+    affine: Affine, v: Fraction, reach: Fraction, arithmetic: Arithmetic
+) -> tuple[tuple[Jet, ...], ...]:
+    """Return c_0, c_n and D_{n-1} as Taylor coefficients at v, each a jet in C_Y'."""
+    order = len(affine.alpha[0].terms) - 1
+    at = _constant(v, order, arithmetic)
+    zero = _constant(Fraction(0), order, arithmetic)
+    degree = len(affine.alpha) - 2 if reach else 0
+    series = [
+        Jet((a + b * at, b, *[zero] * degree)[: degree + 1])
+        for a, b in zip(affine.alpha, affine.beta, strict=True)
+    ]
+    determinant: Jet = hurwitz_determinant(series)
+    return tuple(x.terms for x in (series[-1], series[0], determinant))
+
+
+def nominal_quotients(loop: Setting) -> Range:
+    """Return a range of v, a point where it is rational, that holds beta_c/beta = 1."""
+    if loop.power == 0:
+        return Fraction(1), Fraction(1)
+    return _quotients(loop, (Fraction(1), Fraction(1)), Fraction(1, 10**40))
+
+
+def _quotients(loop: Setting, ratios: Range, hair: Fraction) -> Range:
+    """Return the v of two ratios, the lower rounded down and the upper up, by less than `hair`."""
+    low, high = (ratio / loop.scale for ratio in ratios)
+    return (low, high) if loop.power == 1 else (_root(low, hair)[0], _root(high, hair)[1])
+
+
+def _root(number: Fraction, hair: Fraction) -> Range:
+    """Return a lower and an upper bound of a square root, equal where it is rational."""
+    top, bottom = isqrt(number.numerator), isqrt(number.denominator)
+    if Fraction(top, bottom) ** 2 == number:
+        return Fraction(top, bottom), Fraction(top, bottom)
+    fine = isqrt(int(number / hair**2))
+    return fine * hair, (fine + 1) * hair
+
+
+def sampled_ratios_over(
+    loop: Setting, when: Timing, equilibrium: Equilibrium, gaps: tuple[float, float]
+) -> StableSet:
+    """Return the beta_c/beta around 1 for which the loop is stable at every gap [m] of a range.
+
+    Each end lies between a ratio up to which stability is proved for all gaps, its `value`, and
+    one at which the loop is proved unstable at some gap. Empty where no proof was found.
+    """
+    exact = (decimal(gaps[0]), decimal(gaps[1]))
+    if loop.power == 0:
+        one = nominal_quotients(loop)
+        proved = proved_over(loop, when, exact, one)
+        return StableSet(equilibrium, gaps, (Span(ZERO, INFINITY),) if proved else ())
+    tried = [float(gap) for gap in np.linspace(*gaps, TRIED_GAPS)]
+    sets = [sampled_ratios_at(loop, when, equilibrium, gap) for gap in tried]
+    spans = [found.around(Fraction(1)) for found in sets]
+    for slack in SLACKS:
+        ends = _common(spans, slack)
+        if ends is None:
+            break
+        lower, upper = ends
+        if lower.high is None or upper.low is None:
+            break
+        # rounded outwards by far less than the slack
+        quotients = _quotients(loop, (lower.high, upper.low), slack / 10**6)
+        if proved_over(loop, when, exact, quotients):
+            return StableSet(equilibrium, gaps, (Span(lower, upper),))
+    return StableSet(equilibrium, gaps, ())
+
+
+def _common(spans: Sequence[Span | None], slack: Fraction) -> tuple[End, End] | None:
+    """Return the ends of what the intervals share, drawn in by `slack`; None where nothing is."""
+    known = [span for span in spans if span is not None]
+    if len(known) < len(spans):
+        return None
+    lower = max((span.lower for span in known), key=lambda end: end.value)
+    upper = min((span.upper for span in known), key=lambda end: end.value)
+    if lower.high is None or upper.low is None:
+        return None
+    low, high = lower.high * (1 + slack), upper.low * (1 - slack)
+    if low >= high:
+        return None
+    return End(float(low), None, lower.low, low), End(float(high), None, high, upper.high)

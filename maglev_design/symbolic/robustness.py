@@ -1,0 +1,223 @@
+"""The loop as a function of beta_c/beta and of the gap: what enters, and how.
+
+The controller stays, the plant's beta is beta_c/r. Every polynomial of the loop is a *pencil*
+
+    chi = fixed + rho (gain + C_Y^ gain_c_y),
+
+and r enters through rho and C_Y^ alone. With v = 1/rho(Y), what the controller takes the loop's
+gain to be at Y over what it is, r = scale v^power with a rational scale, C_Y^ is affine in v, and
+rho(y) = shape(y)/v: v chi is affine in v with rational coefficients, also where r itself enters by
+its square root.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import sympy as sp
+from sympy import Expr, Symbol
+
+from maglev_design.choices import Equilibrium, Method
+from maglev_design.symbolic import plant as p
+from maglev_design.symbolic import stability
+from maglev_design.symbolic.laws import ControlLaw
+from maglev_design.symbolic.linearisation import (
+    believed_beta,
+    believed_coefficients,
+    linearise,
+)
+
+ratio = Symbol("r", positive=True)
+"""beta_c/beta [-]."""
+quotient = Symbol("v", positive=True)
+"""1/rho at Y [-]."""
+GAP = Symbol("y", positive=True)
+"""[m] The gap y, known to be positive."""
+
+
+@dataclass(frozen=True)
+class Pencil:
+    """The closed loop's polynomial, coefficients highest power first, of one length.
+
+    Attributes
+    ----------
+    fixed, gain, gain_c_y : tuple of Expr
+        In chi = fixed + rho (gain + C_Y^ gain_c_y): of C_Y' and the gains.
+    """
+
+    fixed: tuple[Expr, ...]
+    gain: tuple[Expr, ...]
+    gain_c_y: tuple[Expr, ...]
+
+
+def continuous_pencil(law: ControlLaw) -> Pencil:
+    """Return the continuous loop's polynomial in s as a pencil."""
+    return _pencil(stability.closed_loop_polynomial(law))
+
+
+@dataclass(frozen=True)
+class SampledParts:
+    """What the sampled loop's pencil in z is the product of, coefficients highest power first.
+
+        fixed = plant_den law_den,  gain = plant_gap law_gap + plant_velocity law_velocity,
+
+    and gain_c_y likewise with the last two, less whole periods of delay (a power of z in `fixed`).
+
+    Attributes
+    ----------
+    plant_gap, plant_velocity, plant_den : tuple of Expr
+        Of C_Y', T and T_1.
+    law_den, law_gap, law_velocity, law_gap_c_y, law_velocity_c_y : tuple of Expr
+        Of T and the gains, all of one length.
+    """
+
+    plant_gap: tuple[Expr, ...]
+    plant_velocity: tuple[Expr, ...]
+    plant_den: tuple[Expr, ...]
+    law_den: tuple[Expr, ...]
+    law_gap: tuple[Expr, ...]
+    law_velocity: tuple[Expr, ...]
+    law_gap_c_y: tuple[Expr, ...]
+    law_velocity_c_y: tuple[Expr, ...]
+
+
+def sampled_parts(law: ControlLaw, method: Method, *, split: bool) -> SampledParts:
+    """Return the factors of the sampled loop's pencil.
+
+    Parameters
+    ----------
+    split : bool
+        Whether the voltage changes inside a period (T_1 > 0); else T_1 = 0, and the pole at zero
+        that stands for the earlier voltage is left out.
+    """
+    pulse = stability.sampled_law(law, method)
+    gap, velocity = stability.sampled_plant("gap"), stability.sampled_plant("velocity")
+    through = [list(gap.numerator), list(velocity.numerator), list(gap.denominator)]
+    if not split:
+        through = [[c.subs(stability.first_part, 0) for c in part] for part in through]
+        if any(part.pop() != 0 for part in through):
+            raise ArithmeticError("the loop without delay keeps a pole that it does not have")
+    loop_gain = stability.believed(law.loop_gain)
+    by_gap, by_velocity = (
+        _pencil([p.rho * loop_gain * c for c in part]) for part in (pulse.gap, pulse.velocity)
+    )
+    plant_gap, plant_velocity, plant_den = (tuple(part) for part in through)
+    return SampledParts(
+        plant_gap=plant_gap,
+        plant_velocity=plant_velocity,
+        plant_den=plant_den,
+        law_den=pulse.denominator,
+        law_gap=by_gap.gain,
+        law_velocity=by_velocity.gain,
+        law_gap_c_y=by_gap.gain_c_y,
+        law_velocity_c_y=by_velocity.gain_c_y,
+    )
+
+
+def _pencil(coefficients: Sequence[Expr]) -> Pencil:
+    """Split polynomial coefficients by powers of rho and C_Y^; nothing else may be left."""
+    parts: list[tuple[Expr, Expr, Expr]] = []
+    for coefficient in coefficients:
+        terms = sp.Poly(sp.expand(coefficient), p.rho, p.C_Y_hat).as_dict()
+        if set(terms) - {(0, 0), (1, 0), (1, 1)} or coefficient.has(p.C_U_hat):
+            raise ArithmeticError(f"not a pencil in rho and C_Y^: {coefficient}")
+        zero = sp.Integer(0)
+        parts.append((terms.get((0, 0), zero), terms.get((1, 0), zero), terms.get((1, 1), zero)))
+    fixed, gain, gain_c_y = zip(*parts, strict=True)
+    return Pencil(fixed, gain, gain_c_y)
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """How beta_c/beta enters a loop under one reading of the equilibrium.
+
+    Attributes
+    ----------
+    shape : Expr
+        rho(y) v, in y, Y and y0; 1 at Y.
+    scale : Expr
+        In r = scale v^power, in beta_c, g, Y, y0 and U; 1 where U is not measured.
+    power : int
+        1 or 2; 0 where the ratio does not enter, and then v = 1.
+    C_Y_hat : Expr
+        Affine in v.
+    """
+
+    shape: Expr
+    scale: Expr
+    power: int
+    C_Y_hat: Expr
+
+
+def uncertainty(law: ControlLaw, reading: Equilibrium, *, measured: bool) -> Uncertainty:
+    """Return how beta_c/beta enters the loop of a law.
+
+    Parameters
+    ----------
+    reading : {"model", "appendix-a", "measured"}
+    measured : bool
+        Whether the rig's file gives U; else "the true equilibrium voltage" is that of the plant,
+        which moves with its beta.
+    """
+    plant = p.magnetic_levitation()
+    lin = linearise(plant)
+    own = {p.beta: p.beta_c / ratio}
+    held = plant.equilibrium_voltage.subs(own)
+    known = {} if measured else {p.U: held}
+    _, c_u_hat, c_y_hat = (x.subs(known) for x in believed_coefficients(plant, lin, reading))
+    beta_hat = believed_beta(plant, reading).subs(known)
+    voltage = held.subs(p.Y, GAP)
+    c_u = lin.C_U_rest.subs(p.U, held).subs(p.Y, GAP)
+    slope = law.slope.subs({p.u: voltage, p.y_ref: GAP, p.beta_c: beta_hat})
+    rho = c_u * slope / stability.believed(law.loop_gain).subs(p.C_U_hat, c_u_hat)
+    rho = sp.simplify(sp.powdenest(rho, force=True))
+    at_y = sp.powdenest(sp.expand_power_base(rho.subs(GAP, p.Y), force=True), force=True)
+    factor, exponent = sp.simplify(at_y**2).as_coeff_exponent(ratio)
+    if exponent not in (0, -1, -2) or factor.has(ratio) or (exponent == 0 and factor != 1):
+        raise ArithmeticError(f"rho^2 = {sp.simplify(at_y**2)} is no power of the ratio")
+    # r^n = factor v^2 with n = -exponent
+    power = {0: 0, -1: 2, -2: 1}[int(exponent)]
+    scale = sp.Integer(1) if exponent == 0 else sp.sqrt(factor) if power == 1 else factor
+    seen = sp.expand(sp.simplify(c_y_hat).subs(ratio, scale * quotient**power))
+    if not sp.Poly(seen, quotient).degree() <= 1:
+        raise ArithmeticError(f"C_Y^ = {seen} is not affine in v")
+    shape = sp.simplify(rho / rho.subs(GAP, p.Y)).subs(GAP, p.y)
+    return Uncertainty(shape, sp.simplify(scale), power, seen)
+
+
+def stability_conditions(law: ControlLaw) -> tuple[Expr, ...]:
+    """Return what must be positive for the continuous loop to be stable, constants left out.
+
+    The Hurwitz determinants in rho, C_Y', C_Y^ and the gains, each without the factors of the
+    ones before it.
+    """
+    found: list[Expr] = []
+    for condition in stability.routh_hurwitz(stability.closed_loop_polynomial(law)):
+        rest = condition
+        for known in found:
+            shorter = sp.cancel(rest / known)
+            rest = shorter if sp.fraction(shorter)[1] == 1 else rest
+        found.append(sp.factor(rest))
+    return tuple(found)
+
+
+def largest_ratio(reading: Equilibrium, *, measured: bool, law: ControlLaw) -> Expr | None:
+    """Return in closed form the beta_c/beta below which the TAN-GPI loop with (25) is stable.
+
+    From rho (omega_n^2 + C_Y^) > C_Y' + omega_n^2/(4 zeta^2 + 1) with rho = shape/v: the difference
+    times v falls along a line in v. None where no ratio enters.
+    """
+    enters = uncertainty(law, reading, measured=measured)
+    if enters.power == 0:
+        return None
+    true = linearise(p.magnetic_levitation()).C_Y_rest.subs(p.Y, GAP)
+    condition = stability.stability_condition().subs(
+        {p.rho: enters.shape / quotient, p.C_Y_hat: enters.C_Y_hat, p.C_Y_true: true, p.y: GAP}
+    )
+    above, below = sp.fraction(sp.cancel(condition.subs(p.y, GAP) * quotient))
+    line = sp.Poly(above, quotient)
+    slope, level = (sp.factor(line.coeff_monomial(quotient**n) / below) for n in (1, 0))
+    if not slope.is_negative:
+        raise ArithmeticError(f"the margin under {reading} does not fall with the ratio")
+    return sp.factor(enters.scale * (-level / slope) ** enters.power)

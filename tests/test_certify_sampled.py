@@ -1,0 +1,231 @@
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from rigs import OFFSET, SHORT, rig_with
+
+from maglev_design import loop as loops
+from maglev_design.certify.algebraic import decimal
+from maglev_design.certify.enclosures import Arithmetic
+from maglev_design.certify.jets import Jet, operators, widened
+from maglev_design.certify.positivity import positive
+from maglev_design.certify.sampled import Setting, enclose, setting, timing
+from maglev_design.certify.sampled_interval import sampled_ratios_at
+from maglev_design.certify.sampled_limits import largest_delay, largest_period
+from maglev_design.certify.sampled_path import proved_over, sampled_ratios_over
+from maglev_design.choices import CONTROLLERS, EQUILIBRIA, METHODS, Controller, Equilibrium, Method
+from maglev_design.design import PoleSpec
+from maglev_design.loop import Family
+from maglev_design.parameters import Rig, load_rig
+
+PAPER, POLES = load_rig("belmonte2021"), PoleSpec.double(1, 70)
+PATH = (0.012, 0.0246)
+NEAR = 1e-6
+"""Relative distance from an end at which eigenvalues, which lose digits near one, are asked."""
+MEASURED = rig_with(OFFSET, {"operating_point.voltage": 7.5})
+KNOWN = {"model": (0.00444, 9.937), "appendix-a": (0.0633, 4.765)}
+"""Ends at Y of the paper's rig, Tustin, 1 ms; found beforehand by eigenvalues."""
+
+
+def radius(loop: loops.Loop, gap: float, ratio: float) -> float:
+    over = Family((gap, gap), (ratio, ratio))
+    return loops.spectral_radius(loop, POLES.values, over).value
+
+
+def with_delay(delay: float) -> Rig:
+    return rig_with(SHORT, {"sampling.delay": delay})
+
+
+def model(method: Method = "tustin") -> Setting:
+    return setting(PAPER, POLES, "model", method)
+
+
+ONE_MS = timing(Fraction(1, 1000), Fraction(0))
+
+
+# --- tools ----------------------------------------------------------------------------------
+
+
+def test_jets_hold_the_taylor_coefficients() -> None:
+    context = Arithmetic().context
+    run, order, at = operators(context), 5, 2
+    x = Jet((context.mpf(at), context.mpf(1), *[context.mpf(0)] * (order - 1)))
+    one = Jet((context.mpf(1),))
+    half = Jet((context.mpf(1) / 2,))
+    root = math.sqrt(at)
+    by_hand = {  # derivatives over factorials, from the binomial and exponential series
+        "sqrt": [
+            root * c / at**n for n, c in enumerate((1, 1 / 2, -1 / 8, 1 / 16, -5 / 128, 7 / 256))
+        ],
+        "exp": [math.exp(at) / math.factorial(n) for n in range(6)],
+        "inverse": [(-1) ** n / at ** (n + 1) for n in range(6)],
+        "sinh": [(math.sinh(at), math.cosh(at))[n % 2] / math.factorial(n) for n in range(6)],
+    }
+    found = {
+        "sqrt": run["sqrt"](x),
+        "exp": run["exp"](x * half + half * x),
+        "inverse": one / x,
+        "sinh": run["sinh"](x),
+    }
+    for name, jet in found.items():
+        assert [float(t.mid) for t in jet.terms] == pytest.approx(by_hand[name], rel=1e-14), name
+
+
+def test_widened_coefficients_hold_those_at_every_point_of_the_range() -> None:
+    arithmetic = Arithmetic()
+    context = arithmetic.context
+    zero, one = context.mpf(0), context.mpf(1)
+    run = operators(context)
+
+    def series(at: object, order: int) -> Jet:
+        return run["exp"](Jet((at, one, *[zero] * (order - 1))[: order + 1]))
+
+    whole = arithmetic.between(Fraction(9, 10), Fraction(11, 10))
+    wide = widened(series(one, 3), series(whole, 4).terms[-1], whole - one)
+    for point in (Fraction(9, 10), Fraction(97, 100), Fraction(11, 10)):
+        exact = series(arithmetic.number(point), 4)
+        for inner, outer in zip(exact.terms, wide.terms, strict=True):
+            assert inner in outer
+
+
+def test_positivity_on_a_square_is_never_claimed_wrongly() -> None:
+    random = np.random.default_rng(5)
+    side = np.linspace(-1, 1, 41)
+    claimed = 0
+    for _ in range(300):
+        table = random.standard_normal((3, 4))
+        table[0, 0] += 4
+        values = np.polynomial.polynomial.polygrid2d(side, side, table)
+        answer = positive([[(float(c), 0.0) for c in row] for row in table])
+        claimed += answer
+        assert answer == (values.min() > 0) or abs(values.min()) < 0.05
+        assert not (answer and values.min() <= 0)
+    assert 50 < claimed < 280
+    assert not positive([[(1.0, 1.5)]])
+    assert not positive([[(math.nan, 0.0)]])
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("delay", [0.0, 0.0003, 0.0023])
+def test_the_enclosed_polynomial_is_that_of_the_loop(
+    method: Method, name: str, delay: float
+) -> None:
+    rig, controller = with_delay(delay), Controller(name)  # type: ignore[arg-type]
+    own = setting(rig, POLES, "appendix-a", method, controller)
+    arithmetic = Arithmetic()
+    at = timing(decimal(0.001), decimal(delay))
+    affine = enclose(own, at, decimal(0.021), arithmetic)
+    # appendix-a: v is the ratio
+    mine = np.array([float(c.mid) for c in affine.at(arithmetic.number(Fraction(5, 4)))])
+    loop = loops.build_loop(rig, equilibrium="appendix-a", method=method, controller=controller)
+    theirs = loop.characteristic(POLES.values, 0.021, 1.25)[0].full().ravel()
+    w = 0.3 + 0.4j
+    z = (1 + w) / (1 - w)
+    degree = len(mine) - 1
+    given = np.polyval(theirs, z) * (1 - w) ** (len(theirs) - 1)
+    # a pole at zero that cancels is left out of one of the two
+    given *= (1 - w) ** (degree - len(theirs) + 1) * z ** (degree - len(theirs) + 1)
+    assert np.polyval(mine, w) == pytest.approx(1.25 * given, rel=1e-9)
+
+
+# --- ends at one gap ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("reading", EQUILIBRIA)
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("rig", [PAPER, with_delay(0.0013), MEASURED], ids=["now", "late", "other"])
+def test_eigenvalues_change_sides_at_every_sampled_end(
+    rig: Rig, method: Method, reading: Equilibrium
+) -> None:
+    own, gap = setting(rig, POLES, reading, method), rig.operating_point.gap
+    at = timing(decimal(rig.sampling.period), decimal(rig.sampling.delay))
+    found = sampled_ratios_at(own, at, reading, gap)
+    loop = loops.build_loop(rig, equilibrium=reading, method=method)
+    for span in found.spans:
+        for end, inwards in ((span.lower, 1), (span.upper, -1)):
+            if end.low is None or end.high is None or end.value == 0:
+                continue
+            assert 0 <= end.high - end.low <= end.high / 10**12
+            assert radius(loop, gap, end.value * (1 + inwards * NEAR)) < 1
+            assert radius(loop, gap, end.value * (1 - inwards * NEAR)) > 1
+    for ratio in np.geomspace(1e-3, 1e3, 49):
+        inside = any(s.lower.value < ratio < s.upper.value for s in found.spans)
+        assert (radius(loop, gap, float(ratio)) < 1) == inside
+
+
+def test_the_paper_s_rig_has_the_sampled_ends_that_were_found_by_eigenvalues() -> None:
+    for reading in EQUILIBRIA:
+        own = setting(PAPER, POLES, reading, "tustin")
+        (span,) = sampled_ratios_at(own, ONE_MS, reading, 0.0246).spans
+        if reading in KNOWN:
+            assert (span.lower.value, span.upper.value) == pytest.approx(KNOWN[reading], rel=1e-3)
+        else:
+            assert (span.lower.value, span.upper.value) == (0.0, math.inf)
+
+
+def test_a_loop_that_is_too_late_has_an_empty_set() -> None:
+    late = timing(Fraction(1, 1000), Fraction(1, 100))
+    found = sampled_ratios_at(model(), late, "model", 0.0246)
+    assert found.spans == ()
+    assert found.as_dict(Fraction(1))["lower"] is None
+
+
+# --- over a range of gaps -------------------------------------------------------------------
+
+
+def test_a_family_inside_is_proved_and_one_across_an_end_is_not() -> None:
+    gaps = (decimal(PATH[0]), decimal(PATH[1]))
+    assert proved_over(model(), ONE_MS, gaps, (Fraction(1, 2), Fraction(2)))
+    # v = sqrt(ratio); the ends over the path are sqrt(0.0186) and sqrt(9.94)
+    assert not proved_over(model(), ONE_MS, gaps, (Fraction(13, 100), Fraction(2)))
+    assert not proved_over(model(), ONE_MS, gaps, (Fraction(1, 2), Fraction(316, 100)))
+    # exact beta, and gaps beyond the largest
+    assert not proved_over(model(), ONE_MS, (decimal(0.012), decimal(0.2)), (Fraction(1),) * 2)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.0005])
+def test_the_interval_over_the_path_is_that_of_its_worst_gaps(delay: float) -> None:
+    rig = rig_with(SHORT, {"reference.end_gap": PATH[0], "sampling.delay": delay})
+    own = setting(rig, POLES, "model", "tustin")
+    at = timing(decimal(0.001), decimal(delay))
+    (span,) = sampled_ratios_over(own, at, "model", PATH).spans
+    loop = loops.build_loop(rig, equilibrium="model", method="tustin")
+    gaps = np.linspace(*PATH, 13)
+    for end, inwards in ((span.lower, 1), (span.upper, -1)):
+        assert max(radius(loop, float(gap), end.value) for gap in gaps) < 1
+        beyond = end.value * (1 - inwards * 1e-4)
+        assert max(radius(loop, float(gap), beyond) for gap in gaps) > 1
+
+
+@pytest.mark.parametrize("method", METHODS[:2])
+def test_the_largest_period_and_delay_are_where_eigenvalues_leave_the_circle(
+    method: Method,
+) -> None:
+    period = largest_period(model(method), 0.001, 0.0, PATH)
+    delay = largest_delay(model(method), 0.001, 0.0, PATH)
+    assert period is not None
+    assert delay is not None
+
+    def worst(period_s: float, delay_s: float) -> float:
+        sampling = {"sampling.period": period_s, "sampling.delay": delay_s}
+        rig = rig_with(SHORT, {"reference.end_gap": PATH[0], **sampling})
+        loop = loops.build_loop(rig, equilibrium="model", method=method)
+        return max(radius(loop, float(gap), 1.0) for gap in np.linspace(*PATH, 7))
+
+    assert worst(period.stable, 0.0) < 1 < worst(period.unstable, 0.0)
+    assert worst(0.001, delay.stable) < 1 < worst(0.001, delay.unstable)
+    assert period.unstable < 1.0001 * period.stable
+    assert delay.unstable < 1.0001 * delay.stable
+
+
+def test_a_loop_unstable_as_it_stands_has_its_largest_period_below_it() -> None:
+    slow = largest_period(model(), 0.02, 0.0, PATH)
+    fast = largest_period(model(), 0.001, 0.0, PATH)
+    assert slow is not None
+    assert fast is not None
+    assert slow.stable == pytest.approx(fast.stable, rel=1e-5)
+    assert largest_delay(model(), 0.02, 0.0, PATH) is None
