@@ -31,7 +31,8 @@ from maglev_design.plain import finite
 from maglev_design.simulate import simulate
 
 if TYPE_CHECKING:
-    from maglev_design.certify import LmiCertificate, Margins
+    from maglev_design.certify.lyapunov.lmi import LmiCertificate
+    from maglev_design.certify.margins import Margins
     from maglev_design.tune import TradeOff, TuneResult
 
 KIND = "maglev-design"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from maglev_design.certify import certify_family, sampled_margins
+from maglev_design.certify.lyapunov.lmi import certify_family
+from maglev_design.certify.margins import sampled_margins
 from maglev_design.record import DesignRecord, make_record
 from maglev_design.tune import TradeOff, TuneResult
 

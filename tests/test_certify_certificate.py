@@ -12,10 +12,9 @@ from typing import Any
 
 import pytest
 
-from maglev_design.certify import check, write
-from maglev_design.certify.certificate import LONGEST_NUMBER, document
-from maglev_design.certify.enclosure import enclose
-from maglev_design.certify.lmi import LmiCertificate, certify_family
+from maglev_design.certify.lyapunov.certificate import LONGEST_NUMBER, check, document, write
+from maglev_design.certify.lyapunov.enclosure import enclose
+from maglev_design.certify.lyapunov.lmi import LmiCertificate, certify_family
 from maglev_design.design import PoleSpec, make_design
 from maglev_design.errors import InputError
 from maglev_design.files import digest
@@ -80,7 +79,7 @@ def test_the_checker_needs_neither_solver_nor_casadi(
 ) -> None:
     path = saved(tmp_path / "certificate.json", written)
     code = (
-        "import sys, pathlib; from maglev_design.certify import check;"
+        "import sys, pathlib; from maglev_design.certify.lyapunov.certificate import check;"
         "result = check(pathlib.Path(sys.argv[1]));"
         "print(result.passed, {'cvxpy', 'casadi', 'scipy', 'clarabel', 'scs'} & set(sys.modules))"
     )

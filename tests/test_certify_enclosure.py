@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy as sp
-from mpmath import mp  # type: ignore[import-untyped]
+from mpmath import mp
 from rigs import OFFSET, SHORT, rig_with
 
-from maglev_design.certify import enclosure
-from maglev_design.certify.enclosure import GRID, Series, control_points, enclose, root
-from maglev_design.certify.family import (
+from maglev_design.certify.lyapunov import enclosure
+from maglev_design.certify.lyapunov.enclosure import GRID, Series, control_points, enclose, root
+from maglev_design.certify.lyapunov.family import (
     Claim,
     LoopName,
     NotEnclosedError,

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from rigs import MINIMAL, OFFSET, rig_with
 
-from maglev_design.certify.algebraic import positive_roots, squared, x
-from maglev_design.certify.interval import exact_loop, gaps_at, ratios_at, ratios_over
-from maglev_design.certify.routh import hurwitz_determinant, is_hurwitz
-from maglev_design.certify.spans import ZERO, End, StableSet, unite
+from maglev_design.certify.intervals.algebraic import positive_roots, squared, x
+from maglev_design.certify.intervals.interval import exact_loop, gaps_at, ratios_at, ratios_over
+from maglev_design.certify.intervals.routh import hurwitz_determinant, is_hurwitz
+from maglev_design.certify.intervals.spans import ZERO, End, StableSet, unite
 from maglev_design.choices import EQUILIBRIA, Controller, Equilibrium
 from maglev_design.design import PoleSpec, make_design, plant_beta, true_equilibrium
 from maglev_design.parameters import Rig, load_rig, preset_names

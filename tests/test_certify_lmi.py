@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from rigs import SHORT, rig_with
 from scipy.linalg import expm
 
-from maglev_design.certify import lmi
-from maglev_design.certify.family import scaling, subject
-from maglev_design.certify.lmi import (
+from maglev_design.certify.lyapunov import lmi
+from maglev_design.certify.lyapunov.family import scaling, subject
+from maglev_design.certify.lyapunov.lmi import (
     LmiCertificate,
     LmiStatus,
     certify_family,

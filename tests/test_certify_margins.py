@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rigs import SHORT, rig_with
 
 from maglev_design import loop as loops
-from maglev_design.certify import Margin, Margins, sampled_margins
+from maglev_design.certify.margins import Margin, Margins, sampled_margins
 from maglev_design.choices import METHODS, Method
 from maglev_design.loop import Loop, build_loop
 from maglev_design.parameters import Rig

@@ -16,23 +16,23 @@ from numpy.typing import NDArray
 from rigs import MINIMAL, OFFSET, rig_with
 from sympy import Matrix, Rational
 
-from maglev_design.certify.region import Region, Status, guaranteed_region
-from maglev_design.certify.region_cells import FROZEN, RUNNING, Cell, enclose, modes
-from maglev_design.certify.region_map import (
-    RegionMap,
-    contradictions,
-    region_curves,
-    region_extent,
-    simulated_map,
-)
-from maglev_design.certify.region_model import Deviation, deviation, force_program, share, x
-from maglev_design.certify.region_proof import (
+from maglev_design.certify.region.cells import FROZEN, RUNNING, Cell, enclose, modes
+from maglev_design.certify.region.guaranteed import Region, Status, guaranteed_region
+from maglev_design.certify.region.model import Deviation, deviation, force_program, share, x
+from maglev_design.certify.region.proof import (
     MULTIPLIERS,
     Plane,
     Verdict,
     check,
     positive_definite,
     upper_form,
+)
+from maglev_design.certify.region.simulated import (
+    RegionMap,
+    contradictions,
+    region_curves,
+    region_extent,
+    simulated_map,
 )
 from maglev_design.choices import Controller
 from maglev_design.design import Design, PoleSpec, make_design, plant_beta

@@ -8,14 +8,14 @@ import pytest
 from rigs import OFFSET, SHORT, rig_with
 
 from maglev_design import loop as loops
-from maglev_design.certify.algebraic import decimal
-from maglev_design.certify.enclosures import Arithmetic
-from maglev_design.certify.jets import Jet, operators, widened
-from maglev_design.certify.positivity import positive
-from maglev_design.certify.sampled import Setting, enclose, setting, timing
-from maglev_design.certify.sampled_interval import sampled_ratios_at
-from maglev_design.certify.sampled_limits import largest_delay, largest_period
-from maglev_design.certify.sampled_path import proved_over, sampled_ratios_over
+from maglev_design.certify.intervals.algebraic import decimal
+from maglev_design.certify.intervals.arithmetic import Arithmetic
+from maglev_design.certify.intervals.jets import Jet, operators, widened
+from maglev_design.certify.intervals.positivity import positive
+from maglev_design.certify.intervals.sampled import Setting, enclose, setting, timing
+from maglev_design.certify.intervals.sampled_interval import sampled_ratios_at
+from maglev_design.certify.intervals.sampled_limits import largest_delay, largest_period
+from maglev_design.certify.intervals.sampled_path import proved_over, sampled_ratios_over
 from maglev_design.choices import CONTROLLERS, EQUILIBRIA, METHODS, Controller, Equilibrium, Method
 from maglev_design.design import PoleSpec
 from maglev_design.loop import Family

@@ -1,14 +1,15 @@
-"""Robustness that is proved, not sampled; each room is imported by its own name.
+"""Robustness that is proved, not sampled; every room is imported by its own name.
 
-=================  ================================================================================
-``assessment``     everything below on one design except Lyapunov functions and the region
-``interval``       the exact set of ratios beta_c/beta, and of gaps, of the continuous loop
-``sampled_*``      the same for the sampled loop, enclosed; its largest period and delay
-``margins``        gain, phase, delay, Ms, Mt and disk margin by python-control
-``lmi``            a common quadratic Lyapunov function over gaps and ratios, by an LMI
-``exact``          the check of such a function in rational arithmetic; ``enclosure`` its vertices
-``certificate``    the written certificate, and its check without solver and without CasADi
-``region``         initial errors that the nonlinear, saturated loop is guaranteed to survive
-``region_map``     the same plane by simulation
-=================  ================================================================================
+``intervals``
+    the exact set of ratios beta_c/beta, and of gaps, for which the continuous loop is stable; the
+    same enclosed for the sampled loop, with its largest period and delay
+``lyapunov``
+    a common quadratic Lyapunov function over gaps and ratios, by an LMI; checked in rational
+    arithmetic, written, and checked again without the solver
+``region``
+    initial errors that the nonlinear, saturated loop is guaranteed to survive, and its map
+``margins``
+    gain, phase, delay, Ms, Mt and disk margins by python-control
+``assessment``
+    intervals and margins of one design, together
 """

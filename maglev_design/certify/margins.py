@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design import design as designs
-from maglev_design.certify.sampled import Setting, setting
+from maglev_design.certify.intervals.sampled import Setting, setting
 from maglev_design.choices import TAN_GPI, Controller, Equilibrium
 from maglev_design.design import PoleSpec
 from maglev_design.loop import Family, Loop

@@ -35,8 +35,8 @@ class Request:
 
 def certify(request: Request, output: Path | None, *, force: bool, as_json: bool) -> None:
     """Assess, print, save."""
-    from maglev_design.certify import assess  # noqa: PLC0415
-    from maglev_design.record import finite  # noqa: PLC0415
+    from maglev_design.certify.assessment import assess  # noqa: PLC0415
+    from maglev_design.plain import finite  # noqa: PLC0415
 
     own = _subject(request)
     folder = output_folder(output, force=force) if output else None
@@ -57,7 +57,7 @@ def certify(request: Request, output: Path | None, *, force: bool, as_json: bool
 
 
 def _subject(request: Request) -> Any:
-    from maglev_design.certify import subject  # noqa: PLC0415
+    from maglev_design.certify.assessment import subject  # noqa: PLC0415
     from maglev_design.choices import DEFAULT_PRESET  # noqa: PLC0415
     from maglev_design.design import PAPER_POLES, PoleSpec, check_path_voltage  # noqa: PLC0415
     from maglev_design.parameters import load_rig  # noqa: PLC0415

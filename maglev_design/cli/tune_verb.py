@@ -47,7 +47,8 @@ class Request:
 
 def tune(request: Request, output: Path | None, *, force: bool, as_json: bool) -> None:
     """Solve, print, save; the exit code says how it ended."""
-    from maglev_design.certify import certify_family, sampled_margins  # noqa: PLC0415
+    from maglev_design.certify.lyapunov.lmi import certify_family  # noqa: PLC0415
+    from maglev_design.certify.margins import sampled_margins  # noqa: PLC0415
     from maglev_design.record import make_record, save  # noqa: PLC0415
     from maglev_design.tune import Status, Unstabilisable  # noqa: PLC0415
 
@@ -139,13 +140,13 @@ def _solve(rig: Rig, request: Request, progress: Any) -> Any:
 
 def _certifies(rig: Rig, beta_error: float | None) -> Any:
     """Return the question whether a controller's sampled loop is proved stable."""
-    from maglev_design.certify import certify_sampled  # noqa: PLC0415
+    from maglev_design.certify.lyapunov.lmi import certify_sampled  # noqa: PLC0415
 
     return lambda design: certify_sampled(design, rig, beta_error=beta_error).certified
 
 
 def _trade_off(result: Any, progress: Any) -> Any:
-    from maglev_design.certify import widest_sampled  # noqa: PLC0415
+    from maglev_design.certify.lyapunov.lmi import widest_sampled  # noqa: PLC0415
     from maglev_design.tune import trade_off  # noqa: PLC0415
 
     def widest(design: Any) -> float:

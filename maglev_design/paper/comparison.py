@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design.certify import Margins, sampled_margins
+from maglev_design.certify.margins import Margins, sampled_margins
 from maglev_design.loop import build_loop, family, peak_sensitivity, spectral_radius
 from maglev_design.paper.trials import (
     EMULATION,

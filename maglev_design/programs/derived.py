@@ -24,6 +24,7 @@ from maglev_design.symbolic.linearisation import (
     linearise,
 )
 
+POLES = (p.zeta_1, p.omega_1, p.zeta_2, p.omega_2)
 _FIXED = (p.Y, p.U, laws.u_min, laws.u_max)
 
 
@@ -42,7 +43,7 @@ def equation(method: Method, controller: Controller) -> running.DifferenceEquati
 @cache
 def gain_expressions(controller: Controller) -> Mapping[sp.Symbol, sp.Expr]:
     """Return a law's gains, in its order, in (zeta_1, omega_1, zeta_2, omega_2)."""
-    first, second = (p.zeta_1, p.omega_1), (p.zeta_2, p.omega_2)
+    first, second = POLES[:2], POLES[2:]
     order = laws.closed_loop_order(controller)
     if order == 4:
         desired = laws.pole_pairs_polynomial([first, second])
@@ -56,9 +57,8 @@ def gain_expressions(controller: Controller) -> Mapping[sp.Symbol, sp.Expr]:
 
 def gains(controller: Controller) -> Program:
     """Return the law's gains for two pole pairs, or for a pair and a real pole."""
-    inputs = (p.zeta_1, p.omega_1, p.zeta_2, p.omega_2)
     wanted = gain_expressions(controller)
-    return lower(inputs, {gain.name: value for gain, value in wanted.items()})
+    return lower(POLES, {gain.name: value for gain, value in wanted.items()})
 
 
 def _own_constants(expressions: Iterable[sp.Expr]) -> list[sp.Symbol]:

@@ -19,8 +19,8 @@ def region_figure(curves: Curves, title: str) -> Figure:
     """Draw the simulated map and the guaranteed region in the plane of the initial errors.
 
     On the left the whole plane, on the right the region's surroundings. ``curves`` is as
-    :func:`maglev_design.certify.region_map.region_curves` returns it: SI units; without the map
-    of the surroundings when nothing is guaranteed.
+    :func:`maglev_design.certify.region.simulated.region_curves` returns it: SI units; without the
+    map of the surroundings when nothing is guaranteed.
     """
     panels = [name for name in ("whole", "near") if f"{name}_e" in curves]
     titles = {"whole": "all gaps the rig allows", "near": "around the guaranteed region"}

@@ -11,7 +11,7 @@ from typing import Any
 
 from sympy import Poly
 
-from maglev_design.certify.jets import Jet, operators
+from maglev_design.certify.intervals.jets import Jet, operators
 from maglev_design.lowering import Program
 
 PRECISION = 320

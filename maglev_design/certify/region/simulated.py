@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design.certify.region import Region
+from maglev_design.certify.region.guaranteed import Region
 from maglev_design.choices import Backend
 from maglev_design.design import Design, plant_beta
 from maglev_design.errors import InputError

@@ -13,14 +13,14 @@ from math import isqrt
 
 import numpy as np
 
-from maglev_design.certify.algebraic import decimal
-from maglev_design.certify.enclosures import Arithmetic
-from maglev_design.certify.jets import Jet, order_for, widened
-from maglev_design.certify.positivity import middle_and_radius, positive
-from maglev_design.certify.routh import hurwitz_determinant, is_hurwitz
-from maglev_design.certify.sampled import Affine, Setting, Timing, enclose, expand
-from maglev_design.certify.sampled_interval import sampled_ratios_at
-from maglev_design.certify.spans import INFINITY, ZERO, End, Span, StableSet
+from maglev_design.certify.intervals.algebraic import decimal
+from maglev_design.certify.intervals.arithmetic import Arithmetic
+from maglev_design.certify.intervals.jets import Jet, order_for, widened
+from maglev_design.certify.intervals.positivity import middle_and_radius, positive
+from maglev_design.certify.intervals.routh import hurwitz_determinant, is_hurwitz
+from maglev_design.certify.intervals.sampled import Affine, Setting, Timing, enclose, expand
+from maglev_design.certify.intervals.sampled_interval import sampled_ratios_at
+from maglev_design.certify.intervals.spans import INFINITY, ZERO, End, Span, StableSet
 from maglev_design.choices import Equilibrium
 
 Range = tuple[Fraction, Fraction]

@@ -21,11 +21,11 @@ import sympy as sp
 from sympy import Expr, Poly
 
 from maglev_design import design as designs
-from maglev_design.certify import algebraic
-from maglev_design.certify.algebraic import Root, decimal, fraction, rational
-from maglev_design.certify.enclosures import Arithmetic
-from maglev_design.certify.routh import is_hurwitz
-from maglev_design.certify.spans import End, Span, StableSet, unite
+from maglev_design.certify.intervals import algebraic
+from maglev_design.certify.intervals.algebraic import Root, decimal, fraction, rational
+from maglev_design.certify.intervals.arithmetic import Arithmetic
+from maglev_design.certify.intervals.routh import is_hurwitz
+from maglev_design.certify.intervals.spans import End, Span, StableSet, unite
 from maglev_design.choices import TAN_GPI, Controller, Equilibrium
 from maglev_design.design import PoleSpec
 from maglev_design.parameters import Rig
@@ -91,7 +91,7 @@ def exact_values(rig: Rig) -> dict[sp.Symbol, sp.Rational]:
 def exact_gains(poles: PoleSpec, controller: Controller = TAN_GPI) -> dict[sp.Symbol, sp.Rational]:
     """Return the gains, exact for the decimals of the poles."""
     typed = [rational(decimal(value)) for value in poles.values]
-    at = dict(zip(designs.POLE_SYMBOLS, typed, strict=True))
+    at = dict(zip(derived.POLES, typed, strict=True))
     return {gain: x.subs(at) for gain, x in derived.gain_expressions(controller).items()}
 
 

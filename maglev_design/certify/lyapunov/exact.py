@@ -2,7 +2,7 @@
 
 Nothing here knows a solver, a controller or a plant: matrices of :class:`fractions.Fraction` come
 in, positive definite or not comes out. To trust a certificate is to trust this page, and that the
-claimed polytope contains the loop (:mod:`maglev_design.certify.enclosure`).
+claimed polytope contains the loop (:mod:`maglev_design.certify.lyapunov.enclosure`).
 
 Let A = sum_v w_v A_v + D with w_v >= 0, sum_v w_v = 1 and a remainder of Frobenius norm at most r.
 V(x) = x'Px shrinks along x' = A x, or x_{k+1} = A x_k, with the rate `decay` = a, when P > 0 and at

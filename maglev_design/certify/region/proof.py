@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sympy import Matrix, Rational, diag
 
-from maglev_design.certify.region_cells import (
+from maglev_design.certify.region.cells import (
     FROZEN,
     RUNNING,
     Cell,
@@ -40,7 +40,7 @@ from maglev_design.certify.region_cells import (
     modes,
     rounded_up,
 )
-from maglev_design.certify.region_model import E_ROW, Q_ROW, V_ROW, Deviation, root_above
+from maglev_design.certify.region.model import E_ROW, Q_ROW, V_ROW, Deviation, root_above
 
 SMALLEST_CELL = Fraction(1, 2**12)
 """Side at which a cell is given up, as a share of the set's extent."""

@@ -2,9 +2,9 @@
 
 The loop is the continuous one with its clamp, its anti-windup and the bound of its integrator, and
 it regulates at one gap. The guaranteed set is {z'P z <= level} in the deviations z from rest
-(:mod:`maglev_design.certify.region_model`); P and the level are found by a search
-(:mod:`maglev_design.certify.region_search`), rounded to rationals and proved in exact arithmetic
-(:mod:`maglev_design.certify.region_proof`). What a user sees is its slice by the plane of the
+(:mod:`maglev_design.certify.region.model`); P and the level are found by a search
+(:mod:`maglev_design.certify.region.search`), rounded to rationals and proved in exact arithmetic
+(:mod:`maglev_design.certify.region.proof`). What a user sees is its slice by the plane of the
 initial errors of position and velocity, the controller's states at zero.
 """
 
@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 from sympy import Matrix, Rational
 
-from maglev_design.certify.region_model import Deviation, deviation
-from maglev_design.certify.region_proof import Check, check
-from maglev_design.certify.region_search import Candidate, find_form
+from maglev_design.certify.region.model import Deviation, deviation
+from maglev_design.certify.region.proof import Check, check
+from maglev_design.certify.region.search import Candidate, find_form
 from maglev_design.design import Design
 from maglev_design.errors import InputError
 from maglev_design.parameters import Rig
@@ -226,7 +226,7 @@ def guaranteed_region(
     ------
     InputError
         For a ratio that is not positive, and where
-        :func:`maglev_design.certify.region_model.deviation` raises it.
+        :func:`maglev_design.certify.region.model.deviation` raises it.
 
     Notes
     -----

@@ -50,8 +50,14 @@ from fractions import Fraction
 from functools import cache
 from typing import Any, NamedTuple
 
-from maglev_design.certify.exact import Matrix
-from maglev_design.certify.family import Claim, NotEnclosedError, Subject, Vector, check_family
+from maglev_design.certify.lyapunov.exact import Matrix
+from maglev_design.certify.lyapunov.family import (
+    Claim,
+    NotEnclosedError,
+    Subject,
+    Vector,
+    check_family,
+)
 from maglev_design.choices import Equilibrium, Method
 from maglev_design.design import law
 from maglev_design.lowering import Program, lower

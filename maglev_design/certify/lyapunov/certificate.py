@@ -3,9 +3,9 @@
 The document holds the numbers of rig and controller, the families, and P; every number is a
 rational in a string. :func:`check` believes none of the rest: it computes the vertices of each
 claimed family anew from those numbers, compares them with the listed ones and verifies the
-inequalities of :mod:`maglev_design.certify.exact`. It needs neither a solver nor CasADi. SymPy it
-does need: the state matrices are stated once, there, and a checker with formulas of its own would
-only prove something about those.
+inequalities of :mod:`maglev_design.certify.lyapunov.exact`. It needs neither a solver nor CasADi.
+SymPy it does need: the state matrices are stated once, there, and a checker with formulas of its
+own would only prove something about those.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any, TypeVar
 
-from maglev_design.certify.enclosure import Polytope, enclose
-from maglev_design.certify.exact import Matrix, failing, is_positive_definite
-from maglev_design.certify.family import Claim, Subject, state_names
-from maglev_design.certify.lmi import LOOPS, LmiCertificate, as_strings
+from maglev_design.certify.lyapunov.enclosure import Polytope, enclose
+from maglev_design.certify.lyapunov.exact import Matrix, failing, is_positive_definite
+from maglev_design.certify.lyapunov.family import Claim, Subject, state_names
+from maglev_design.certify.lyapunov.lmi import LOOPS, LmiCertificate, as_strings
 from maglev_design.choices import EQUILIBRIA, METHODS, SCHEMA_VERSION
 from maglev_design.errors import InputError
 from maglev_design.files import digest, read_document, write_bytes

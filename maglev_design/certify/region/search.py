@@ -1,7 +1,7 @@
 """The search for a quadratic form whose guaranteed set is large; nothing here is trusted.
 
 A semidefinite programme in P, solved again and again while the set grows. For a point (e, q) of an
-ellipse the condition of :mod:`maglev_design.certify.region_proof`, V' + lambda (1 - V) <= 0 for all
+ellipse the condition of :mod:`maglev_design.certify.region.proof`, V' + lambda (1 - V) <= 0 for all
 the other states f, is a linear matrix inequality in P once lambda is fixed; {V <= 1} projects into
 the ellipse if P is at least the ellipse's matrix. The objective is V at a start from rest. Each
 solution's own projection, enlarged, is the ellipse of the next programme. States are scaled, so
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from maglev_design.certify.region_model import V_ROW, Deviation, force_program
+from maglev_design.certify.region.model import V_ROW, Deviation, force_program
 
 Array = NDArray[np.float64]
 

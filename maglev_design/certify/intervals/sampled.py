@@ -2,8 +2,9 @@
 
 z = (1 + w)/(1 - w) takes the unit disc to the left half-plane. The coefficients of v chi in w are
 alpha_i + beta_i v; alpha and beta are transcendental in T and C_Y' and enclosed: for one gap to
-many digits, for a range of gaps as Taylor series in C_Y' (:mod:`maglev_design.certify.jets`), term
-by term, which keeps what the bilinear map cancels.
+many digits, for a range of gaps as Taylor series in C_Y'
+(:mod:`maglev_design.certify.intervals.jets`), term by term, which keeps what the bilinear map
+cancels.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ import sympy as sp
 from sympy import Symbol
 
 from maglev_design import design as designs
-from maglev_design.certify.algebraic import fraction
-from maglev_design.certify.enclosures import Arithmetic
-from maglev_design.certify.interval import exact_gains, exact_values
-from maglev_design.certify.jets import Jet
+from maglev_design.certify.intervals.algebraic import fraction
+from maglev_design.certify.intervals.arithmetic import Arithmetic
+from maglev_design.certify.intervals.interval import exact_gains, exact_values
+from maglev_design.certify.intervals.jets import Jet
 from maglev_design.choices import TAN_GPI, Controller, Equilibrium, Method
 from maglev_design.design import PoleSpec
 from maglev_design.lowering import Program, lower

@@ -5,7 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import NamedTuple
 
-from maglev_design.certify.region_model import EXACT, Deviation, force_program
+from maglev_design.certify.region.model import EXACT, Deviation, force_program
 
 GRAIN = Fraction(1, 2**40)
 """What bounds of shares, and of phi/g and its slopes, are rounded to, outward."""

@@ -1,8 +1,8 @@
 """A common quadratic Lyapunov function by semidefinite programming, then proved without it.
 
 The solver looks for P with 0 < P <= I at which the smallest eigenvalue of the inequalities of
-:mod:`maglev_design.certify.exact` is largest; what it returns is rounded to rationals and counts
-only if it passes there.
+:mod:`maglev_design.certify.lyapunov.exact` is largest; what it returns is rounded to rationals and
+counts only if it passes there.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design.certify.enclosure import Polytope, enclose
-from maglev_design.certify.exact import Matrix, failing, is_positive_definite
-from maglev_design.certify.family import (
+from maglev_design.certify.lyapunov.enclosure import Polytope, enclose
+from maglev_design.certify.lyapunov.exact import Matrix, failing, is_positive_definite
+from maglev_design.certify.lyapunov.family import (
     Claim,
     LoopName,
     NotEnclosedError,

@@ -1,0 +1,1 @@
+"""The initial errors that the nonlinear, saturated loop survives: proved, and simulated."""
