@@ -69,8 +69,54 @@ def test_the_tables_name_the_condition_and_every_end(
         assert text in shown
 
 
+def own_choice(own: Any) -> tuple[Any, ...]:
+    return own.equilibrium, own.method, own.controller
+
+
+def test_both_loops_are_certified_and_the_region_contradicts_no_simulation(
+    saved: tuple[dict[str, Any], Path],
+) -> None:
+    document, path = saved
+    assert [row["loop"] for row in document["lmi"]] == ["continuous", "sampled"]
+    for row in document["lmi"]:
+        assert row["certified"]
+        assert row["largest_beta_error"] > 0.15
+        assert len(row["P"]) == len(row["states"]) == len(row["scaling"])
+    region = document["region"]
+    assert region["status"] == "guaranteed"
+    assert region["reach"][0] < -4e-4
+    assert region["reach"][1] > 4e-4
+    assert region["contradictions"] == []
+    assert 0 < region["share_of_simulated"] < 1
+    written = {p.name for p in path.parent.iterdir()}
+    assert {"certificate.json", "region.png", "region.svg"} <= written
+
+
+def test_the_written_certificate_is_checked_and_a_changed_one_is_not_believed(
+    saved: tuple[dict[str, Any], Path], tmp_path: Path
+) -> None:
+    path = saved[1].parent / "certificate.json"
+    done = CliRunner().invoke(app, ["certify", "--check", str(path), "--json"])
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout)["passed"]
+    changed = tmp_path / "certificate.json"
+    changed.write_text(path.read_text("utf-8").replace('"23/20"', '"5/4"'), "utf-8")
+    done = CliRunner().invoke(app, ["certify", "--check", str(changed)])
+    assert done.exit_code == 4
+    assert "NO" in done.stdout
+
+
+def test_without_a_certificate_the_earlier_one_does_not_stay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "certificate.json"
+    path.write_text("{}", "utf-8")
+    assert certify_verb._proofs((), tmp_path) == ()
+    assert not path.exists()
+
+
 def test_a_reading_a_method_and_a_family_can_be_chosen() -> None:
-    own = certify_verb._subject(
+    own, design = certify_verb._subject(
         request(
             zeta=1.2,
             equilibrium="measured",
@@ -82,6 +128,7 @@ def test_a_reading_a_method_and_a_family_can_be_chosen() -> None:
     )
     assert own.poles.values == (1.2, 70.0, 1.2, 70.0)
     assert (own.equilibrium, own.method, own.controller.name) == ("measured", "zoh", "fee-gpi")
+    assert (design.equilibrium, design.method, design.controller) == own_choice(own)
     assert own.family.gaps == (0.02, 0.03)
     assert own.family.ratios == pytest.approx((0.7, 1.3))
 

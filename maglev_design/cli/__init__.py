@@ -387,15 +387,23 @@ def certify(
     beta_error: Annotated[
         float | None, typer.Option(help="u: the family is beta_c/beta in [1-u, 1+u].")
     ] = None,
+    check: Annotated[
+        Path | None,
+        typer.Option("--check", help="Only verify a written certificate.json, without a solver."),
+    ] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder for the result.")
+        Path | None,
+        typer.Option("--output", "-o", help="Folder for the result, certificate and figure."),
     ] = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Prove for which beta, gaps, periods and delays a controller is stable, and its margins."""
+    """Prove for which beta, gaps, periods, delays and errors a controller is stable."""
     from maglev_design.cli import certify_verb  # noqa: PLC0415
 
+    if check is not None:
+        certify_verb.check(check, as_json=json)
+        return
     certify_verb.certify(
         certify_verb.Request(
             design=design,
