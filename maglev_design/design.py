@@ -263,6 +263,18 @@ def reference_program() -> Program:
     return lower(inputs, {"y_ref": gap, "v_ref": velocity, "acc_ref": acceleration})
 
 
+@cache
+def peak_program() -> Program:
+    """Return the program (start_gap, end_gap, start_time, end_time) -> largest |y*''|."""
+    inputs = (
+        reference.start_gap,
+        reference.end_gap,
+        reference.start_time,
+        reference.end_time,
+    )
+    return lower(inputs, {"peak": reference.peak_acceleration(reference.bezier_step())})
+
+
 def plant_beta(rig: Rig) -> float:
     """Return beta = K C^2/m of the rig [m^3/(s^2 V^2)], eq. (4).
 

@@ -169,6 +169,15 @@ def start_program(controller: Controller = TAN_GPI) -> Program:
 
 
 @cache
+def bumpless_program(method: Method, controller: Controller = TAN_GPI) -> Program:
+    """Return the program signals, u, Y, U, limits, coefficients -> states that command u."""
+    equation = designs.equation(method, controller)
+    inputs = [*equation.signals, p.u, *_FIXED, *equation.coefficients]
+    start = running.bumpless_start(equation)
+    return lower(inputs, {x.name: s for x, s in zip(equation.law.states, start, strict=True)})
+
+
+@cache
 def continuous_program(controller: Controller = TAN_GPI) -> Program:
     """Return the continuous law: states, signals, Y, U, limits, believed, gains -> rates."""
     law = designs.law(controller)

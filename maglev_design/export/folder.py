@@ -1,0 +1,390 @@
+"""From a saved design to a folder that stands alone."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from maglev_design import __version__
+from maglev_design.choices import SCHEMA_VERSION, Target
+from maglev_design.errors import InputError
+from maglev_design.export.controller import (
+    OUTPUTS,
+    SIGNALS,
+    STATES,
+    Controller,
+    controller_of,
+    doubts,
+    promise,
+)
+from maglev_design.export.misra import DEVIATIONS
+from maglev_design.export.text import checked_prefix, plain, wrapped
+from maglev_design.export.vectors import record_vectors
+from maglev_design.files import output_folder, write_bytes
+from maglev_design.lowering import Program
+from maglev_design.record import DesignRecord, document_bytes
+
+KIND = "maglev-design export"
+MANIFEST = "manifest.json"
+TEMPLATES = {
+    "c": ("header.h", "source.c", "example.c", "check.c"),
+    "python": ("source.py", "example.py", "check.py"),
+    "matlab": (
+        "init.m",
+        "init_bumpless.m",
+        "reset.m",
+        "usable.m",
+        "step.m",
+        "reference_init.m",
+        "reference_retarget.m",
+        "reference_step.m",
+        "example.m",
+        "check.m",
+    ),
+}
+_LANGUAGES = {"c": "C99", "python": "Python", "matlab": "MATLAB and Octave"}
+_CHECKS = {"c": "`check.c`", "python": "`check.py`", "matlab": "`{}_check.m`"}
+EXAMPLE_ROWS = 70
+"""Rows that an example prints, about."""
+
+
+@dataclass(frozen=True)
+class Export:
+    """What was written: the folder, and the SHA-256 of every file by its name, manifest last."""
+
+    folder: Path
+    sha256: Mapping[str, str]
+    doubts: tuple[str, ...]
+
+
+def export_folder(
+    record: DesignRecord,
+    target: Target,
+    folder: Path,
+    *,
+    prefix: str = "maglev",
+    allow_unverified: bool = False,
+    force: bool = False,
+) -> Export:
+    """Write the controller of a saved design into a folder.
+
+    Parameters
+    ----------
+    record : DesignRecord
+    target : {"python", "c", "matlab"}
+    folder : Path
+        Made when it does not exist.
+    prefix : str
+        What every public name and file begins with.
+    allow_unverified : bool
+        Whether a design may be exported whose re-simulation failed or that has no certificate.
+    force : bool
+        Whether a folder that this program did not make may be written into.
+
+    Raises
+    ------
+    InputError
+        For a design that may not be exported, an unusable prefix or an unusable folder.
+    """
+    checked_prefix(prefix)
+    found = doubts(record.document)
+    if found and not allow_unverified:
+        raise InputError(
+            f"this design is not exported: {' '.join(found)} Tune it again (or certify it), or "
+            "take it as it is with --allow-unverified, which the exported files then say"
+        )
+    content = files_of(controller_of(record, prefix), target)
+    folder = output_folder(folder, force=force)
+    stale = _own_files(folder) - set(content)
+    for name, data in content.items():
+        write_bytes(folder / name, data)
+    for name in stale:
+        (folder / name).unlink(missing_ok=True)
+    return Export(folder, {name: _sha256(data) for name, data in content.items()}, found)
+
+
+def files_of(controller: Controller, target: Target) -> dict[str, bytes]:
+    """Return the content of every file of an export by its name, the manifest last."""
+    vectors, rows = record_vectors(controller)
+    context = _context(controller, target, rows)
+    files = {
+        _file_name(template, controller.prefix, target): _render(f"{target}/{template}.j2", context)
+        for template in TEMPLATES[target]
+    }
+    files["README.md"] = _render(f"{target}/README.md.j2", context)
+    content = {name: text.encode("ascii") for name, text in files.items()}
+    content["vectors.csv"] = vectors.encode("ascii")
+    content["design.json"] = document_bytes(controller.record.document)
+    content[MANIFEST] = _manifest(controller, target, content)
+    return content
+
+
+def _file_name(template: str, prefix: str, target: Target) -> str:
+    if template.startswith(("header.", "source.")):
+        return prefix + Path(template).suffix
+    return f"{prefix}_{template}" if target == "matlab" else template
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def manifest_digest(document: Mapping[str, Any]) -> str:
+    """Return the digest of a manifest over everything in it but the digest itself."""
+    body = {key: value for key, value in document.items() if key != "sha256"}
+    return _sha256(json.dumps(body, sort_keys=True, separators=(",", ":")).encode())
+
+
+def _manifest(controller: Controller, target: Target, files: Mapping[str, bytes]) -> bytes:
+    document = controller.record.document
+    body = {
+        "schema_version": SCHEMA_VERSION,
+        "kind": KIND,
+        "target": target,
+        "prefix": controller.prefix,
+        "versions": {**document["versions"], "exporter": __version__},
+        "rig": document["rig"],
+        "gains": document["gains"],
+        "constants": {
+            c.name: {"value": c.value, "unit": c.unit, "meaning": c.meaning}
+            for c in (*controller.law_constants, *controller.guard_constants)
+        },
+        "hold_samples": controller.hold_samples,
+        "promise": promise(document),
+        "doubts": list(doubts(document)),
+        "files": {name: _sha256(data) for name, data in sorted(files.items())},
+    }
+    text = json.dumps(body | {"sha256": manifest_digest(body)}, indent=2, allow_nan=False)
+    return (text + "\n").encode()
+
+
+def _own_files(folder: Path) -> set[str]:
+    """Return the files that an earlier export left here unchanged; they may be replaced."""
+    try:
+        document = read_manifest(folder)
+    except InputError:
+        return set()
+    return {
+        name
+        for name, digest in document["files"].items()
+        if (folder / name).is_file() and _sha256((folder / name).read_bytes()) == digest
+    }
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """Return the manifest of an exported folder.
+
+    Raises
+    ------
+    InputError
+        When there is none, or it is damaged or of another schema.
+    """
+    path = folder / MANIFEST
+    try:
+        document = json.loads(path.read_bytes().decode("utf-8"))
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be read ({error.strerror}); give a folder that `export` wrote"
+        ) from error
+    except (UnicodeDecodeError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not a manifest (not valid JSON); export again") from error
+    if not isinstance(document, dict) or document.get("kind") != KIND:
+        raise InputError(f"{path}: not the manifest of an export; export again")
+    if document.get("schema_version") != SCHEMA_VERSION:
+        raise InputError(
+            f"{path}: schema_version = {document.get('schema_version')!r}: this program reads "
+            f"{SCHEMA_VERSION}; export again"
+        )
+    files = document.get("files")
+    plain_names = isinstance(files, dict) and all(
+        isinstance(name, str) and Path(name).name == name and isinstance(digest, str)
+        for name, digest in files.items()
+    )
+    if not plain_names or document.get("target") not in TEMPLATES:
+        raise InputError(f"{path}: damaged: its target or its files are unusable; export again")
+    return document
+
+
+# --- what the templates are filled with -----------------------------------------------------
+
+
+def _context(controller: Controller, target: Target, rows: int) -> dict[str, Any]:
+    record = controller.record
+    rig, document, design = record.rig, record.document, record.design
+    path, worst = rig.reference, document["worst_case"]
+    number = {name: repr(value) for name, value in controller.numbers.items()}
+    samples = round(path.horizon / rig.sampling.period)
+    gaps = (path.start_gap, path.end_gap, rig.initial.gap, rig.operating_point.gap)
+    spread = document["beta_error"]
+    source = controller.prefix.upper()
+    velocity = rig.initial.velocity
+    delay = document["margins"]["delay_s"]["value"]
+    radius = worst["spectral_radius_one_more_sample"]
+    return {
+        "p": controller.prefix,
+        "P": source,
+        "n": number,
+        "T": number["T"],
+        "title": plain(rig.name),
+        "version": __version__,
+        "language": _LANGUAGES[target],
+        "warnings": doubts(document),
+        "banner": lambda style: _banner(controller, style),
+        "symbols": _symbols(controller, target),
+        "symbol_table": _symbol_table(controller),
+        "declared": lambda program, indent=4: _declared(controller, program, target, indent),
+        "code": lambda program, indent=4: _code(program, target, source, indent),
+        "step": controller.step,
+        "bumpless": controller.bumpless,
+        "path": controller.path,
+        "peak": controller.peak,
+        "plant": controller.plant,
+        "start": [_literal(x, target, source) for x in controller.start],
+        "x2_max": repr(controller.state_bound),
+        "hold": controller.hold_samples,
+        "ticks": controller.most_ticks,
+        "constants": [
+            {"name": c.name, "value": repr(c.value), "unit": c.unit, "meaning": c.meaning}
+            for c in (*controller.law_constants, *controller.guard_constants[1:])
+        ],
+        "plant_constants": [
+            {"name": c.name, "value": repr(c.value), "unit": c.unit, "meaning": c.meaning}
+            for c in controller.plant_constants
+        ],
+        "initial": {
+            "gap": repr(rig.initial.gap),
+            "velocity": _literal(velocity, target, source),
+            "velocity_number": repr(velocity),
+        },
+        "path_ends": {
+            "start_gap": repr(path.start_gap),
+            "end_gap": repr(path.end_gap),
+            "start_time": repr(path.start_time),
+            "end_time": repr(path.end_time),
+        },
+        "samples": samples,
+        "every": max(1, samples // EXAMPLE_ROWS),
+        "method": design.method,
+        "equilibrium": design.equilibrium,
+        "gaps": [f"{gap:g}" for gap in (min(gaps), max(gaps))],
+        "ratios": [f"{1 - spread:g}", f"{1 + spread:g}"],
+        "itae": f"{worst['itae']:.4g}",
+        "worst_ratio": f"{worst['ratio']:.4g}",
+        "ms": _shown(worst["ms"]),
+        "ms_late": _shown(worst["ms_one_more_sample"]),
+        "delay": "none" if delay is None else f"{1e3 * delay:.3g} ms",
+        "late": "is unstable" if radius is None or radius >= 1 else "stays stable",
+        "own_delay": repr(rig.sampling.delay),
+        "own_delay_number": rig.sampling.delay,
+        "equations": _equations(controller),
+        "rows": rows,
+        "check_command": _CHECKS[target].format(controller.prefix),
+        "deviations": DEVIATIONS,
+    }
+
+
+def _shown(value: float | None) -> str:
+    return "none" if value is None else f"{value:.4g}"
+
+
+def _literal(value: float, target: Target, source: str) -> str:
+    """Return a number in the target language."""
+    if target != "c":
+        return repr(value)
+    digits = f"{source}_REAL({abs(value)!r})"
+    return f"-{digits}" if value < 0 else digits
+
+
+def _banner(controller: Controller, style: str) -> str:
+    """Return the head of a file as comment lines."""
+    mark = " *" if style == "c" else style
+    rig = plain(controller.record.rig.name)
+    lines = [
+        f"Levitation controller for: {rig}",
+        f"Printed by maglev-design {__version__} from a saved design; do not edit, export again.",
+    ]
+    found = doubts(controller.record.document)
+    if found:
+        lines.append("NOT VERIFIED. Do not switch a coil on with it. " + " ".join(found))
+    return "\n".join(wrapped(line, f"{mark} ", f"{mark}   ") for line in lines)
+
+
+def _rows(controller: Controller) -> list[tuple[str, str, str, str]]:
+    """Return (letter, value, unit, meaning) of everything that the law reads or gives."""
+    tables: Sequence[Mapping[str, tuple[str, str]]] = (SIGNALS, STATES, OUTPUTS)
+    rows = [(name, "", *entry) for table in tables for name, entry in table.items()]
+    constants = (*controller.law_constants, *controller.guard_constants)
+    return rows + [(c.name, repr(c.value), c.unit, c.meaning) for c in constants]
+
+
+def _symbols(controller: Controller, target: Target) -> str:
+    """Return the symbol table as comment lines."""
+    mark = {"c": " *", "python": "#", "matlab": "%"}[target]
+    lines = [f"{'symbol':<10} {'value':<23} {'unit':<9} meaning"]
+    lines += [f"{a:<10} {b:<23} {c:<9} {d}" for a, b, c, d in _rows(controller)]
+    return "\n".join(f"{mark} {line}" for line in lines)
+
+
+def _symbol_table(controller: Controller) -> str:
+    """Return the symbol table in markdown."""
+    lines = ["| symbol | value | unit | meaning |", "|---|---|---|---|"]
+    lines += [f"| `{a}` | {b} | {c} | {d} |" for a, b, c, d in _rows(controller)]
+    return "\n".join(lines)
+
+
+def _equations(controller: Controller) -> str:
+    """Return the symbolic difference equation, state by state."""
+    equation = controller.equation
+    states = [f"{x.name}_next" for x in equation.law.states]
+    lines = [f"u_cmd = {equation.commanded}", f"applied = {equation.applied}"]
+    lines += [f"{a} = {b}" for a, b in zip(states, equation.next_states, strict=True)]
+    wrap = textwrap.TextWrapper(width=100, subsequent_indent="    ", break_long_words=False)
+    return "\n".join(wrap.fill(line) for line in lines)
+
+
+def _declared(controller: Controller, program: Program, target: Target, indent: int) -> str:
+    """Return the constants that a program reads and, in C, declarations of its outputs."""
+    known = {
+        c.name: c
+        for c in (*controller.plant_constants, *controller.law_constants)
+        if c.name in program.used
+    }
+    source = controller.prefix.upper()
+    lines = []
+    for name in program.inputs:
+        if name in known:
+            c = known[name]
+            value, note = _literal(c.value, target, source), f"{c.unit}, {c.meaning}"
+            if target == "c":
+                lines.append(f"const real {name} = {value}; /* {note} */")
+            else:
+                lines.append(f"{name} = {value}; % {note}")
+    if target == "c":
+        lines += [f"real {name};" for name in program.outputs]
+    return textwrap.indent("\n".join(lines), " " * indent)
+
+
+def _code(program: Program, target: Target, source: str, indent: int) -> str:
+    """Return the statements of a program in the target language."""
+    literal = f"{source}_REAL({{}})" if target == "c" else "{}"
+    lines = program.source(target, real="real", literal=literal)
+    return textwrap.indent("\n".join(lines), " " * indent)
+
+
+def _render(name: str, context: Mapping[str, Any]) -> str:
+    import jinja2  # noqa: PLC0415 - heavy, and only an export needs it
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("maglev_design.export"),
+        undefined=jinja2.StrictUndefined,
+        autoescape=False,  # noqa: S701 - no HTML; what a user wrote goes through `plain`
+        keep_trailing_newline=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template(name).render(context)
