@@ -484,6 +484,17 @@ def export(
     )
 
 
+@app.command()
+def verify(
+    folder: Annotated[Path, typer.Argument(help="A folder that `export` wrote.")],
+    json: JsonOption = False,
+) -> None:
+    """Build an exported controller, run it, and compare it with the design it came from."""
+    from maglev_design.cli import verify_verb  # noqa: PLC0415
+
+    verify_verb.verify(folder, as_json=json)
+
+
 def _command_line() -> str:
     """Return what was typed, without the output folder and without the places of files."""
     words, skip = ["maglev-design"], False

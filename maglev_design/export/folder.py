@@ -105,7 +105,7 @@ def export_folder(
         write_bytes(folder / name, data)
     for name in stale:
         (folder / name).unlink(missing_ok=True)
-    return Export(folder, {name: _sha256(data) for name, data in content.items()}, found)
+    return Export(folder, {name: sha256(data) for name, data in content.items()}, found)
 
 
 def files_of(controller: Controller, target: Target) -> dict[str, bytes]:
@@ -130,14 +130,15 @@ def _file_name(template: str, prefix: str, target: Target) -> str:
     return f"{prefix}_{template}" if target == "matlab" else template
 
 
-def _sha256(data: bytes) -> str:
+def sha256(data: bytes) -> str:
+    """Return the digest of a file's content."""
     return hashlib.sha256(data).hexdigest()
 
 
 def manifest_digest(document: Mapping[str, Any]) -> str:
     """Return the digest of a manifest over everything in it but the digest itself."""
     body = {key: value for key, value in document.items() if key != "sha256"}
-    return _sha256(json.dumps(body, sort_keys=True, separators=(",", ":")).encode())
+    return sha256(json.dumps(body, sort_keys=True, separators=(",", ":")).encode())
 
 
 def _manifest(controller: Controller, target: Target, files: Mapping[str, bytes]) -> bytes:
@@ -157,7 +158,7 @@ def _manifest(controller: Controller, target: Target, files: Mapping[str, bytes]
         "hold_samples": controller.hold_samples,
         "promise": promise(document),
         "doubts": list(doubts(document)),
-        "files": {name: _sha256(data) for name, data in sorted(files.items())},
+        "files": {name: sha256(data) for name, data in sorted(files.items())},
     }
     text = json.dumps(body | {"sha256": manifest_digest(body)}, indent=2, allow_nan=False)
     return (text + "\n").encode()
@@ -172,7 +173,7 @@ def _own_files(folder: Path) -> set[str]:
     return {
         name
         for name, digest in document["files"].items()
-        if (folder / name).is_file() and _sha256((folder / name).read_bytes()) == digest
+        if (folder / name).is_file() and sha256((folder / name).read_bytes()) == digest
     }
 
 

@@ -21,7 +21,6 @@ _RESERVED = """
     operator private public protected virtual end function elseif otherwise parfor spmd persistent
     global check example
 """
-)
 
 
 def plain(text: str) -> str:

@@ -149,7 +149,7 @@ def _replay(recorder: Recorder, rig: Rig, scenario: Scenario, most: int) -> Resp
         told = (float(response.commanded[k]), float(response.applied[k]))
         if found != told and recorder.unusable == 0:
             raise VerificationError(
-                f"sample {k}: the exported law gives {found} V (commanded, applied), the simulation "
+                f"sample {k}: the exported law gives {found} V and the simulation "
                 f"{told} V; they must agree to the last bit; report this with the rig file"
             )
     return response
