@@ -32,7 +32,7 @@ from maglev_design.record import DesignRecord, document_bytes
 KIND = "maglev-design export"
 MANIFEST = "manifest.json"
 TEMPLATES = {
-    "c": ("header.h", "source.c", "example.c", "check.c"),
+    "c": ("header.h", "source.c", "example.c", "check.c", "proof.c"),
     "python": ("source.py", "example.py", "check.py"),
     "matlab": (
         "init.m",

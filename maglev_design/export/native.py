@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import shutil
 import subprocess
 from collections.abc import Sequence
@@ -39,6 +40,7 @@ def call(command: Sequence[str], folder: Path) -> subprocess.CompletedProcess[st
         return subprocess.run(  # noqa: S603 - a tool of this machine and files that we wrote
             command,
             cwd=folder,
+            env={**os.environ, "PWD": str(folder)},  # frama-c believes this rather than the system
             capture_output=True,
             encoding="utf-8",
             errors="replace",

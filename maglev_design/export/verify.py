@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import shutil
 import sys
 import tempfile
@@ -16,7 +17,7 @@ from maglev_design import design as designs
 from maglev_design.export.classes import wrong_answers
 from maglev_design.export.controller import Controller, controller_of
 from maglev_design.export.folder import files_of, manifest_digest, read_manifest, sha256
-from maglev_design.export.loops import FaultCase, NewDevice, Run, close, fault_cases
+from maglev_design.export.loops import FaultCase, NewDevice, Run, close, fault_cases, fly
 from maglev_design.export.native import (
     COMPILERS,
     OPTIMISED,
@@ -28,7 +29,7 @@ from maglev_design.export.native import (
 )
 from maglev_design.export.vectors import record_vectors
 from maglev_design.record import load
-from maglev_design.simulate import Scenario, loop_for, nominal_scenario, simulate
+from maglev_design.simulate import loop_for, nominal_scenario, simulate
 
 Progress = Callable[[str, float], None]
 
@@ -178,7 +179,9 @@ def _replayed(name: str, command: list[str], work: Path) -> Check:
 
 def _c(controller: Controller, work: Path) -> Part:
     """Build with every compiler that is here, without a warning, and with its sanitizers."""
-    prefix, checks, skipped = controller.prefix, [], []
+    prefix = controller.prefix
+    checks: list[Check] = []
+    skipped: list[tuple[str, str]] = []
     found = compilers()
     absent = [name for name in COMPILERS if name not in found]
     skipped += [(f"vectors, {name}", f"{name} is not installed") for name in absent]
@@ -186,7 +189,9 @@ def _c(controller: Controller, work: Path) -> Part:
         checks.append(Check("a C compiler", False, 0, None, note="none is installed: gcc or clang"))
         return Part(tuple(checks), tuple(skipped))
     sources = [f"{prefix}.c", "check.c"]
-    builds = [(f"vectors, {name}", name, OPTIMISED) for name in found]
+    builds: list[tuple[str, str, tuple[str, ...]]] = [
+        (f"vectors, {name}", name, OPTIMISED) for name in found
+    ]
     builds.append((f"vectors, {found[0]} with its sanitizers", found[0], SANITIZED))
     for title, name, flags in builds:
         said = compile_c(name, work, sources, work / "check", *flags)
@@ -196,10 +201,31 @@ def _c(controller: Controller, work: Path) -> Part:
             checks.append(_replayed(title, ["./check"], work))
     said = compile_c(found[0], work, [f"{prefix}.c", "example.c"], work / "example", *OPTIMISED)
     checks.append(_example("example.c", ["./example"], work, said))
+    proof = _proof(prefix, work)
+    if proof is None:
+        skipped.append(("proof of the voltage range", "frama-c is not installed"))
+    else:
+        checks.append(proof)
     if any(not check.passed for check in checks):
         return Part(tuple(checks), tuple(skipped))
     library = load_library(found[0], work, prefix, work / "double.so")
     return Part(tuple(checks), tuple(skipped), library.controller)
+
+
+def _proof(prefix: str, work: Path) -> Check | None:
+    """Let frama-c's Eva prove, for finite arguments, what ``proof.c`` asserts; None without it."""
+    if shutil.which("frama-c") is None:
+        return None
+    options = ("-eva", "-eva-precision", "3", "-eva-split-return", "full")
+    done = call(["frama-c", *options, "proof.c", f"{prefix}.c"], work)
+    alarms = re.search(r"(\d+) alarms? generated", done.stdout)
+    asserted = re.search(r"Assertions +(\d+) valid +(\d+) unknown +(\d+) invalid", done.stdout)
+    name = "no run-time error, voltage in range (proof)"
+    if done.returncode != 0 or alarms is None or asserted is None:
+        return Check(name, False, math.inf, 0, "alarms", "frama-c gave no answer")
+    proved, unknown, refuted = map(int, asserted.groups())
+    note = f"{proved} of {proved + unknown + refuted} assertions proved"
+    return Check.below(name, int(alarms[1]) + unknown + refuted, 0, "alarms", note)
 
 
 def _example(name: str, command: list[str], work: Path, said: str = "") -> Check:
@@ -298,12 +324,11 @@ def _closed_loops(controller: Controller, new: NewDevice, report: Progress) -> l
         (f"noise, beta_c = {MISMATCH:g} beta", replace(noisy, beta_plant=beta / MISMATCH)),
         ("worst beta", worst),
     )
-    checks, quiet = [], Run(new())
+    checks = []
     loop = loop_for(record.rig, record.design)
     for n, (name, scenario) in enumerate(tests):
         report(f"closed loop: {name}", 0.3 + 0.05 * n)
-        run = quiet if n == 0 else Run(new())
-        found = close(controller, run, scenario)
+        found = close(controller, Run(new()), scenario)
         told = simulate(loop, record.design, scenario).metrics
         checks.append(_compared(f"closed loop, {name}", found, told))
         if n == 0:
@@ -317,9 +342,11 @@ def _closed_loops(controller: Controller, new: NewDevice, report: Progress) -> l
                     f"{found.itae:.6g} m s^2",
                 )
             )
+    quiet = Run(new())
+    fly(controller, quiet)
     for n, case in enumerate(fault_cases(controller, len(quiet.gaps))):
         report(f"faults: {case.name}", 0.55 + 0.05 * n)
-        checks.append(_fault(controller, new, case, nominal, quiet))
+        checks.append(_fault(controller, new, case, quiet))
     checks.append(_dead_sensor(controller, new))
     return checks
 
@@ -343,18 +370,17 @@ def _fault(
     controller: Controller,
     new: NewDevice,
     case: FaultCase,
-    scenario: Scenario,
     quiet: Run,
 ) -> Check:
     """Run with a fault; the ball must be held and come back to where it is without."""
     run = Run(new(), case.fault, case.late)
-    found = close(controller, run, scenario)
+    lost = fly(controller, run)
     radius = controller.record.document["worst_case"]["spectral_radius_one_more_sample"]
     promised = not case.delays or (radius is not None and radius < 1)
     off = max(abs(a - b) for a, b in zip(run.gaps, quiet.gaps, strict=False))
-    value = math.inf if found.crashed else abs(run.errors[-1] - quiet.errors[-1])
+    value = math.inf if lost else abs(run.errors[-1] - quiet.errors[-1])
     note = f"up to {1e6 * off:.3g} um away"
-    if found.crashed:
+    if lost:
         note = f"ball lost at sample {len(run.gaps)}"
     name = f"{case.name}"
     if not promised:
@@ -379,9 +405,8 @@ def _single(controller: Controller, new: NewDevice, work: Path) -> list[Check]:
     compiler, n = compilers()[0], controller.numbers
     library = load_library(compiler, work, controller.prefix, work / "single.so", single=True)
     wrong, answers = wrong_answers(controller, library.controller, exact=False)
-    scenario = nominal_scenario(controller.record.rig, designs.plant_beta(controller.record.rig))
     runs = Run(new()), Run(library.controller())
-    crashed = [close(controller, run, scenario).crashed for run in runs]
+    crashed = [fly(controller, run) for run in runs]
     double, single = runs
     lost = crashed[1] and not crashed[0]
     volts = max(abs(a - b) for a, b in zip(double.voltages, single.voltages, strict=False))
