@@ -147,8 +147,9 @@ class FaultCase:
 def fault_cases(controller: Controller, samples: int) -> Sequence[FaultCase]:
     """Return the faults that a run is tried with, deterministic and spread over the path."""
     burst = max(1, controller.hold_samples // 8)
-    where = range(samples // 10, samples - samples // 10, max(1, samples // 10))
+    where = range(samples // 20, 3 * samples // 4, max(1, samples // 14))
     struck = {start + n for start in where for n in range(burst)}
+    count = "one sample" if burst == 1 else f"{burst} samples in a row"
     nan, high = math.nan, 2 * controller.numbers["gap_high"]
 
     def missed(k: int, gap: float, _last: float) -> float:
@@ -165,9 +166,9 @@ def fault_cases(controller: Controller, samples: int) -> Sequence[FaultCase]:
 
     return (
         FaultCase("every 50th sample missed", missed),
-        FaultCase(f"{burst} samples in a row nan, ten times", lost),
-        FaultCase(f"{burst} samples in a row out of range, ten times", outside),
-        FaultCase(f"sensor stuck for {burst} samples, ten times", stuck),
+        FaultCase(f"{count} nan, ten times", lost),
+        FaultCase(f"{count} out of range, ten times", outside),
+        FaultCase(f"{count} stuck, ten times", stuck),
         FaultCase("every 10th voltage one sample late", late=lambda k: k % 10 == 9, delays=True),
         FaultCase("one more sample of delay", late=lambda _k: True, delays=True),
     )

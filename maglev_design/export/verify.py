@@ -18,6 +18,7 @@ from maglev_design.export.classes import wrong_answers
 from maglev_design.export.controller import Controller, controller_of
 from maglev_design.export.folder import files_of, manifest_digest, read_manifest, sha256
 from maglev_design.export.loops import FaultCase, NewDevice, Run, close, fault_cases, fly
+from maglev_design.export.misra import DEVIATIONS
 from maglev_design.export.native import (
     COMPILERS,
     OPTIMISED,
@@ -33,14 +34,16 @@ from maglev_design.simulate import loop_for, nominal_scenario, simulate
 
 Progress = Callable[[str, float], None]
 
-SAME_LOOP = 1e-5
-"""Largest relative difference of ITAE, IAE and ISE: two integrators, each good to about 1e-7."""
+SAME_LOOP = 1e-4
+"""Largest relative difference of ITAE, IAE and ISE between two integrators and two quadratures,
+which agree to 1e-6 on a quiet run and to a few 1e-5 where noise makes the error change sign."""
 MISMATCH = 1.15
 """beta_c/beta of the paper's test 3; here the controller stays and the plant moves."""
 VOLTAGE_STEPS, GAP_STEPS = 4096, 65536
 """Single precision may cost one step of a 12-bit voltage and of a 16-bit gap, no more."""
-RETURN = 1e-6
-"""[m] How near to the run without faults the ball must be at the end of one with faults."""
+RETURN, SHARE = 1e-6, 0.05
+"""How near to the run without faults the ball must be at the end of one with faults: 1 um, or this
+share of the largest error without faults where that is more."""
 
 
 @dataclass(frozen=True)
@@ -201,21 +204,36 @@ def _c(controller: Controller, work: Path) -> Part:
             checks.append(_replayed(title, ["./check"], work))
     said = compile_c(found[0], work, [f"{prefix}.c", "example.c"], work / "example", *OPTIMISED)
     checks.append(_example("example.c", ["./example"], work, said))
-    proof = _proof(prefix, work)
-    if proof is None:
-        skipped.append(("proof of the voltage range", "frama-c is not installed"))
-    else:
-        checks.append(proof)
+    for tool, missed, found_by in (
+        ("cppcheck", "MISRA C:2012", _misra),
+        ("frama-c", "proof of the voltage range", _proof),
+    ):
+        if shutil.which(tool):
+            checks.append(found_by(prefix, work))
+        else:
+            skipped.append((missed, f"{tool} is not installed"))
     if any(not check.passed for check in checks):
         return Part(tuple(checks), tuple(skipped))
     library = load_library(found[0], work, prefix, work / "double.so")
     return Part(tuple(checks), tuple(skipped), library.controller)
 
 
-def _proof(prefix: str, work: Path) -> Check | None:
-    """Let frama-c's Eva prove, for finite arguments, what ``proof.c`` asserts; None without it."""
-    if shutil.which("frama-c") is None:
-        return None
+def _misra(prefix: str, work: Path) -> Check:
+    """Count what cppcheck's MISRA addon finds beyond the deviations that the README lists."""
+    command = ["cppcheck", "--addon=misra", "--std=c99", "--enable=style", f"{prefix}.c"]
+    done = call(command, work)
+    broken = re.findall(r"\[misra-c2012-([0-9.]+)\]", done.stderr)
+    listed = {rule for rule, _ in DEVIATIONS}
+    beyond = sorted(set(broken) - listed)
+    other = re.findall(r": (?:error|warning|style): (?!misra)(.*)", done.stderr)
+    failed = done.returncode != 0 or "Bailing out" in done.stderr
+    value = math.inf if failed else len(beyond) + len(other)
+    note = ", ".join([*beyond, *other]) or f"beyond rules {', '.join(sorted(listed))}"
+    return Check.below("cppcheck with MISRA C:2012", value, 0, "findings", note)
+
+
+def _proof(prefix: str, work: Path) -> Check:
+    """Let frama-c's Eva prove, for finite arguments, what ``proof.c`` asserts."""
     options = ("-eva", "-eva-precision", "3", "-eva-split-return", "full")
     done = call(["frama-c", *options, "proof.c", f"{prefix}.c"], work)
     alarms = re.search(r"(\d+) alarms? generated", done.stdout)
@@ -385,7 +403,8 @@ def _fault(
     name = f"{case.name}"
     if not promised:
         return Check(name, True, 1e6 * value, None, "um", f"{note}; not promised")
-    return Check.below(name, 1e6 * value, 1e6 * RETURN, "um", note)
+    limit = max(RETURN, SHARE * max(abs(error) for error in quiet.errors))
+    return Check.below(name, 1e6 * value, 1e6 * limit, "um", note)
 
 
 def _dead_sensor(controller: Controller, new: NewDevice) -> Check:
