@@ -153,7 +153,7 @@ int main(void)
     rows = np.array(
         [[float(x) for x in line.split()] for line in run(tmp_path, str(made)).stdout.splitlines()]
     )
-    expected = reference_path(tuned_record.rig, np.arange(500) * period)
+    expected = reference_path(tuned_record.rig, np.arange(500, dtype=float) * period)
     assert (expected == rows[:500].T).all()
     assert rows[500, 0] == path.end_gap
     assert rows[-1, 0] == path.start_gap

@@ -20,8 +20,10 @@ from maglev_design.record import DesignRecord, load
 TARGETS: tuple[Target, ...] = get_args(Target)
 
 
-def export(record: DesignRecord, target: Target, folder: Path, **options: bool) -> dict[str, bytes]:
-    export_folder(record, target, folder, allow_unverified=True, **options)
+def export(
+    record: DesignRecord, target: Target, folder: Path, *, force: bool = False
+) -> dict[str, bytes]:
+    export_folder(record, target, folder, allow_unverified=True, force=force)
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import ast
+import json
 import math
 import sys
 from pathlib import Path
@@ -11,9 +12,13 @@ import numpy as np
 import pytest
 from exported import run
 
-from maglev_design.design import reference_path
+from maglev_design.design import plant_beta, reference_path
 from maglev_design.export import export_folder
 from maglev_design.record import DesignRecord
+from maglev_design.simulate import loop_for, nominal_scenario, simulate
+
+SAME_GAP, SAME_VOLTAGE = 1e-9, 1e-5
+"""[m, V] Two Runge-Kutta steps a period against one; the law's gain is some 1e4 V/m."""
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +111,7 @@ def test_the_reference_generator_is_the_rigs_path(lev: Any, tuned_record: Design
     generator = lev.Reference(path.start_gap)
     assert generator.retarget(path.end_gap, path.start_time, path.end_time)
     rows = np.array([generator.step() for _ in range(400)])
-    times = np.arange(400) * tuned_record.rig.sampling.period
+    times = np.arange(400, dtype=float) * tuned_record.rig.sampling.period
     assert (reference_path(tuned_record.rig, times) == rows.T).all()
 
 
@@ -131,3 +136,19 @@ def test_the_reference_generator_refuses_what_cannot_be(lev: Any) -> None:
         point = generator.step()
     assert point.gap == 0.02
     assert generator.retarget(0.0242, 0.0, 1.0)
+
+
+def test_python_control_runs_the_same_loop(folder: Path, tuned_record: DesignRecord) -> None:
+    text = (
+        "import json, warnings; warnings.simplefilter('error'); import control_example as e; "
+        "times, gaps, voltages = e.run(); c = e.controller_system(); "
+        "print(json.dumps([gaps.tolist(), voltages.tolist(), c.dt, e.closed_loop().dt]))"
+    )
+    printed = run(folder, sys.executable, "-B", "-c", text).stdout
+    gaps, voltages, own, whole = json.loads(printed)
+    rig, design = tuned_record.rig, tuned_record.design
+    assert own == whole == rig.sampling.period
+    scenario = nominal_scenario(rig, plant_beta(rig))
+    expected = simulate(loop_for(rig, design), design, scenario)
+    np.testing.assert_allclose(gaps, expected.gap[:-1], rtol=0, atol=SAME_GAP)
+    np.testing.assert_allclose(voltages, expected.applied, rtol=0, atol=SAME_VOLTAGE)

@@ -6,7 +6,7 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from maglev_design.cli.output import number, print_json, progress_bar, say, table
+from maglev_design.cli.output import number, print_json, progress_bar, say, table, warn
 from maglev_design.export import Check, verify_folder
 
 FAILED = 4
@@ -20,6 +20,7 @@ def verify(folder: Path, *, as_json: bool) -> None:
         print_json(
             {
                 "passed": verdict.passed,
+                "doubts": list(verdict.doubts),
                 "closed_loops_ran": verdict.ran or None,
                 "checks": [asdict(check) for check in verdict.checks],
                 "skipped": [{"name": name, "reason": why} for name, why in verdict.skipped],
@@ -33,6 +34,8 @@ def verify(folder: Path, *, as_json: bool) -> None:
             words=2,
             wraps=4,
         )
+    for doubt in verdict.doubts:
+        warn(doubt)
     for name, why in verdict.skipped:
         say(f"not checked: {name}: {why}")
     failed = [check for check in verdict.checks if not check.passed]

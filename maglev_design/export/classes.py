@@ -46,7 +46,7 @@ def wrong_answers(controller: Controller, new: NewDevice, *, exact: bool) -> tup
     finite and inside the range.
     """
     n, path = controller.numbers, controller.record.rig.reference
-    rest = (path.start_gap, path.start_gap, 0.0)
+    rest = (path.start_gap * 1.001, path.start_gap, 0.0)
     low, high = n["u_min"], n["u_max"]
     if not exact:
         low, high = single(low), single(high)

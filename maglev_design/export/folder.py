@@ -33,7 +33,7 @@ KIND = "maglev-design export"
 MANIFEST = "manifest.json"
 TEMPLATES = {
     "c": ("header.h", "source.c", "example.c", "check.c", "proof.c"),
-    "python": ("source.py", "example.py", "check.py"),
+    "python": ("source.py", "example.py", "control_example.py", "check.py"),
     "matlab": (
         "init.m",
         "init_bumpless.m",

@@ -62,6 +62,12 @@ def compile_c(
     return (done.stderr + done.stdout).strip() or ("" if done.returncode == 0 else "it failed")
 
 
+def sanitizes(compiler: str, work: Path) -> bool:
+    """Return whether the compiler can link its sanitizers on this machine."""
+    (work / "empty.c").write_text("int main(void)\n{\n    return 0;\n}\n", "ascii")
+    return not compile_c(compiler, work, ["empty.c"], work / "empty", *SANITIZED)
+
+
 def _state_type(real: Any) -> Any:
     """Return the controller's memory as the header declares it, for one precision."""
 

@@ -19,7 +19,7 @@ _RESERVED = """
     int long register restrict return short signed sizeof static struct switch typedef union
     unsigned void volatile while bool true false main class new delete this template namespace
     operator private public protected virtual end function elseif otherwise parfor spmd persistent
-    global check example
+    global check example control
 """
 
 

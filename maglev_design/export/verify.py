@@ -15,7 +15,7 @@ from typing import Any
 
 from maglev_design import design as designs
 from maglev_design.export.classes import wrong_answers
-from maglev_design.export.controller import Controller, controller_of
+from maglev_design.export.controller import Controller, controller_of, doubts
 from maglev_design.export.folder import files_of, manifest_digest, read_manifest, sha256
 from maglev_design.export.loops import FaultCase, NewDevice, Run, close, fault_cases, fly
 from maglev_design.export.misra import DEVIATIONS
@@ -27,6 +27,7 @@ from maglev_design.export.native import (
     compile_c,
     compilers,
     load_library,
+    sanitizes,
 )
 from maglev_design.export.vectors import record_vectors
 from maglev_design.record import load
@@ -88,11 +89,14 @@ class Verdict:
     ran : str
         Which printing of the law ran in the closed loops: the folder's own, or for MATLAB (and
         where no compiler is) Python's; empty when none did.
+    doubts : tuple of str
+        Why the design itself should not be switched on, whole sentences; empty when it may be.
     """
 
     checks: tuple[Check, ...]
     skipped: tuple[tuple[str, str], ...]
     ran: str
+    doubts: tuple[str, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -144,7 +148,7 @@ def verify_folder(folder: Path, progress: Progress | None = None) -> Verdict:
             report("single precision", 0.9)
             checks += _single(controller, new, work)
     ran = manifest["target"] if own.new else "python"
-    return Verdict(tuple(checks), own.skipped, ran)
+    return Verdict(tuple(checks), own.skipped, ran, doubts(controller.record.document))
 
 
 def _whole(folder: Path, manifest: dict[str, Any]) -> Check:
@@ -195,7 +199,10 @@ def _c(controller: Controller, work: Path) -> Part:
     builds: list[tuple[str, str, tuple[str, ...]]] = [
         (f"vectors, {name}", name, OPTIMISED) for name in found
     ]
-    builds.append((f"vectors, {found[0]} with its sanitizers", found[0], SANITIZED))
+    if sanitizes(found[0], work):
+        builds.append((f"vectors, {found[0]} with its sanitizers", found[0], SANITIZED))
+    else:
+        skipped.append(("vectors with sanitizers", f"{found[0]} has none here"))
     for title, name, flags in builds:
         said = compile_c(name, work, sources, work / "check", *flags)
         if said:
