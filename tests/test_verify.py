@@ -213,7 +213,7 @@ def test_the_quick_loop_is_the_independent_one(controller: Controller, exported:
 
 
 def test_faults_are_what_their_names_say(controller: Controller) -> None:
-    missed, lost, outside, stuck, late, delayed = fault_cases(controller, 400)
+    missed, lost, outside, stuck, late, delayed, worst = fault_cases(controller, 400)
     seen = [missed.fault(k, 0.02, 0.03) for k in range(100)]
     assert [k for k, gap in enumerate(seen) if math.isnan(gap)] == [49, 99]
     struck = [k for k in range(400) if math.isnan(lost.fault(k, 0.02, 0.03))]
@@ -221,4 +221,5 @@ def test_faults_are_what_their_names_say(controller: Controller) -> None:
     assert all(outside.fault(k, 0.02, 0.03) > controller.numbers["gap_high"] for k in struck)
     assert all(stuck.fault(k, 0.02, 0.03) == 0.03 for k in struck)
     assert sum(late.late(k) for k in range(100)) == 10
-    assert all(delayed.late(k) for k in range(100))
+    assert all(delayed.late(k) and worst.late(k) for k in range(100))
+    assert worst.ratio == controller.record.document["margins"]["delay_s"]["ratio"] != 1.0

@@ -111,17 +111,22 @@ def export_folder(
 def files_of(controller: Controller, target: Target) -> dict[str, bytes]:
     """Return the content of every file of an export by its name, the manifest last."""
     vectors, rows = record_vectors(controller)
+    content = printed(controller, target, rows)
+    content["vectors.csv"] = vectors.encode("ascii")
+    content["design.json"] = document_bytes(controller.record.document)
+    content[MANIFEST] = _manifest(controller, target, content)
+    return content
+
+
+def printed(controller: Controller, target: Target, rows: int) -> dict[str, bytes]:
+    """Return the sources and the README of an export whose vectors have so many `rows`."""
     context = _context(controller, target, rows)
     files = {
         _file_name(template, controller.prefix, target): _render(f"{target}/{template}.j2", context)
         for template in TEMPLATES[target]
     }
     files["README.md"] = _render(f"{target}/README.md.j2", context)
-    content = {name: text.encode("ascii") for name, text in files.items()}
-    content["vectors.csv"] = vectors.encode("ascii")
-    content["design.json"] = document_bytes(controller.record.document)
-    content[MANIFEST] = _manifest(controller, target, content)
-    return content
+    return {name: text.encode("ascii") for name, text in files.items()}
 
 
 def _file_name(template: str, prefix: str, target: Target) -> str:
@@ -274,8 +279,8 @@ def _context(controller: Controller, target: Target, rows: int) -> dict[str, Any
         "equilibrium": design.equilibrium,
         "gaps": [f"{gap:g}" for gap in (min(gaps), max(gaps))],
         "ratios": [f"{1 - spread:g}", f"{1 + spread:g}"],
-        "itae": f"{worst['itae']:.4g}",
-        "worst_ratio": f"{worst['ratio']:.4g}",
+        "itae": _shown(worst["itae"]),
+        "worst_ratio": _shown(worst["ratio"]),
         "ms": _shown(worst["ms"]),
         "ms_late": _shown(worst["ms_one_more_sample"]),
         "delay": "none" if delay is None else f"{1e3 * delay:.3g} ms",

@@ -19,6 +19,8 @@ from maglev_design.simulate.response import held_voltage
 
 PIECES = 2
 """Runge-Kutta steps between two changes of the voltage."""
+FEWEST = 400
+"""Samples of a run, so that a fault can be got over before its end."""
 
 
 class Device(Protocol):
@@ -87,21 +89,21 @@ def close(controller: Controller, run: Run, scenario: Scenario) -> Check:
     return resimulate(record.rig, record.design, scenario, run)
 
 
-def fly(controller: Controller, run: Run) -> bool:
-    """Run one nominal closed loop by Runge-Kutta 4 and return whether the ball is lost.
+def fly(controller: Controller, run: Run, ratio: float = 1.0) -> bool:
+    """Run one closed loop without noise by Runge-Kutta 4 and return whether the ball is lost.
 
-    Without metrics and a tenth as long as :func:`close`: for runs that are compared with one
-    another.
+    On a plant whose beta is beta_c/`ratio`; a short path is followed by rest. Without metrics and
+    a tenth as long as :func:`close`: for runs that are compared with one another.
     """
     rig, design = controller.record.rig, controller.record.design
     period, when = rig.sampling.period, designs.timing(rig.sampling.period, rig.sampling.delay)
     program, plant = controller.plant.scalar(), rig.plant
-    beta, low, high = designs.plant_beta(rig), contact_gap(rig), rig.limits.gap[1]
+    beta, low, high = designs.plant_beta(rig) / ratio, contact_gap(rig), rig.limits.gap[1]
 
     def pull(gap: float, voltage: float) -> float:
         return program(plant.gravity, beta, plant.gap_offset, max(gap, low / 2), voltage)[0]
 
-    count = math.ceil(round(rig.reference.horizon / period, 9))
+    count = max(FEWEST, math.ceil(round(rig.reference.horizon / period, 9)))
     path = designs.reference_path(rig, np.arange(count, dtype=float) * period)
     names = ("y_ref", "v_ref", "acc_ref")
     gap, velocity = rig.initial.gap, rig.initial.velocity
@@ -136,11 +138,25 @@ def _runge_kutta(
 
 @dataclass(frozen=True)
 class FaultCase:
-    """One kind of fault: its name, what the sensor does, and which voltages come late."""
+    """One kind of fault.
+
+    Attributes
+    ----------
+    name : str
+    fault : callable
+        What the sensor does.
+    late : callable
+        Which voltages come one sample late.
+    ratio : float
+        beta_c/beta.
+    delays : bool
+        Whether it costs delay, of which a design promises no more than it has.
+    """
 
     name: str
     fault: Fault = lambda _k, gap, _last: gap
     late: Callable[[int], bool] = lambda _k: False
+    ratio: float = 1.0
     delays: bool = False
 
 
@@ -149,6 +165,7 @@ def fault_cases(controller: Controller, samples: int) -> Sequence[FaultCase]:
     burst = max(1, controller.hold_samples // 8)
     where = range(samples // 20, 3 * samples // 4, max(1, samples // 14))
     struck = {start + n for start in where for n in range(burst)}
+    ratio = controller.record.document["margins"]["delay_s"]["ratio"]
     count = "one sample" if burst == 1 else f"{burst} samples in a row"
     nan, high = math.nan, 2 * controller.numbers["gap_high"]
 
@@ -166,9 +183,10 @@ def fault_cases(controller: Controller, samples: int) -> Sequence[FaultCase]:
 
     return (
         FaultCase("every 50th sample missed", missed),
-        FaultCase(f"{count} nan, ten times", lost),
-        FaultCase(f"{count} out of range, ten times", outside),
-        FaultCase(f"{count} stuck, ten times", stuck),
+        FaultCase(f"{count} nan, repeatedly", lost),
+        FaultCase(f"{count} out of range, repeatedly", outside),
+        FaultCase(f"{count} stuck, repeatedly", stuck),
         FaultCase("every 10th voltage one sample late", late=lambda k: k % 10 == 9, delays=True),
         FaultCase("one more sample of delay", late=lambda _k: True, delays=True),
+        FaultCase("and the worst beta for it", late=lambda _k: True, ratio=ratio, delays=True),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -112,10 +113,12 @@ def record_vectors(controller: Controller) -> tuple[str, int]:
     wrong = Scenario(beta / ratio, rig.initial.gap, rig.initial.velocity, noise=True, seed=1)
     _replay(recorder, rig, wrong, SHORT)
     samples = _inputs(rig, usual, np.zeros(len(usual.commanded)), MOST_ROWS)
+    # a short run is gone through again until there is something to take samples from
+    early = list(itertools.islice(itertools.cycle(samples), SHORT))
     _bumpless(recorder, samples[-SHORT:])
     _reset(recorder)
-    _faults(recorder, samples[:SHORT], path.start_gap)
-    _lost_sensor(recorder, samples)
+    _faults(recorder, early, path.start_gap)
+    _lost_sensor(recorder, early)
     header = "# SI units; see README.md for the meaning of the lines\n"
     return header + "\n".join(recorder.lines) + "\n", recorder.rows
 

@@ -16,7 +16,7 @@ from typing import Any
 from maglev_design import design as designs
 from maglev_design.export.classes import wrong_answers
 from maglev_design.export.controller import Controller, controller_of, doubts
-from maglev_design.export.folder import files_of, manifest_digest, read_manifest, sha256
+from maglev_design.export.folder import manifest_digest, printed, read_manifest, sha256
 from maglev_design.export.loops import FaultCase, NewDevice, Run, close, fault_cases, fly
 from maglev_design.export.misra import DEVIATIONS
 from maglev_design.export.native import (
@@ -277,7 +277,7 @@ def _printed_python(controller: Controller, work: Path) -> Part:
     """Print the same design as Python and replay the folder's own vectors with it."""
     place = work / "as_python"
     place.mkdir()
-    for name, content in files_of(controller, "python").items():
+    for name, content in printed(controller, "python", 0).items():
         (place / name).write_bytes(content)
     shutil.copyfile(work / "vectors.csv", place / "vectors.csv")
     found = _python(controller, place)
@@ -399,7 +399,10 @@ def _fault(
 ) -> Check:
     """Run with a fault; the ball must be held and come back to where it is without."""
     run = Run(new(), case.fault, case.late)
-    lost = fly(controller, run)
+    lost = fly(controller, run, case.ratio)
+    if case.ratio != 1.0:
+        quiet = Run(new())
+        fly(controller, quiet, case.ratio)
     radius = controller.record.document["worst_case"]["spectral_radius_one_more_sample"]
     promised = not case.delays or (radius is not None and radius < 1)
     off = max(abs(a - b) for a, b in zip(run.gaps, quiet.gaps, strict=False))
