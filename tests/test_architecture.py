@@ -62,6 +62,7 @@ LATE = {
     "matplotlib",
     "pydantic",
     "rich",
+    "jinja2",
     "dask",
     "distributed",
 }

@@ -13,7 +13,7 @@ from maglev_design.choices import Target
 from maglev_design.errors import InputError
 from maglev_design.export import export_folder
 from maglev_design.export.controller import doubts
-from maglev_design.export.folder import TEMPLATES
+from maglev_design.export.printing import TEMPLATES
 from maglev_design.files import MARK
 from maglev_design.record import DesignRecord, load
 

@@ -5,6 +5,7 @@ the design that it came from.
 """
 
 from maglev_design.export.folder import Export, export_folder
-from maglev_design.export.verify import Check, Verdict, verify_folder
+from maglev_design.export.verdict import Check, Verdict
+from maglev_design.export.verify import verify_folder
 
 __all__ = ["Check", "Export", "Verdict", "export_folder", "verify_folder"]

@@ -7,17 +7,21 @@ import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from maglev_design import design as designs
-from maglev_design.export.classes import wrong_answers
+from maglev_design.export.behaviour import (
+    Progress,
+    classes_of_arguments,
+    closed_loops,
+    interleaved,
+    single_precision,
+)
 from maglev_design.export.controller import Controller, controller_of, doubts
-from maglev_design.export.folder import manifest_digest, printed, read_manifest, sha256
-from maglev_design.export.loops import FaultCase, NewDevice, Run, close, fault_cases, fly
+from maglev_design.export.folder import manifest_digest, read_manifest, sha256
+from maglev_design.export.loops import NewDevice
 from maglev_design.export.misra import DEVIATIONS
 from maglev_design.export.native import (
     COMPILERS,
@@ -29,88 +33,10 @@ from maglev_design.export.native import (
     load_library,
     sanitizes,
 )
+from maglev_design.export.printing import printed
 from maglev_design.export.vectors import record_vectors
+from maglev_design.export.verdict import Check, Part, Verdict
 from maglev_design.record import load
-from maglev_design.simulate import loop_for, nominal_scenario, simulate
-
-Progress = Callable[[str, float], None]
-
-SAME_LOOP = 1e-4
-"""Largest relative difference of ITAE, IAE and ISE between two integrators and two quadratures,
-which agree to 1e-6 on a quiet run and to a few 1e-5 where noise makes the error change sign."""
-MISMATCH = 1.15
-"""beta_c/beta of the paper's test 3; here the controller stays and the plant moves."""
-VOLTAGE_STEPS, GAP_STEPS = 4096, 65536
-"""Single precision may cost one step of a 12-bit voltage and of a 16-bit gap, no more."""
-RETURN, SHARE = 1e-6, 0.05
-"""How near to the run without faults the ball must be at the end of one with faults: 1 um, or this
-share of the largest error without faults where that is more."""
-
-
-@dataclass(frozen=True)
-class Check:
-    """One thing that was looked at.
-
-    Attributes
-    ----------
-    name : str
-    passed : bool
-    value : float
-        What was found, in `unit`.
-    limit : float or None
-        What is allowed at most; None where nothing was promised and the value is for the reader.
-    unit : str
-    note : str
-        What a person needs to know about it; empty for nothing.
-    """
-
-    name: str
-    passed: bool
-    value: float
-    limit: float | None
-    unit: str = "-"
-    note: str = ""
-
-    @classmethod
-    def below(cls, name: str, value: float, limit: float, unit: str = "-", note: str = "") -> Check:
-        """Return a check that passes up to `limit`; a nan does not."""
-        return cls(name, value <= limit, value, limit, unit, note)
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """What became of a folder.
-
-    Attributes
-    ----------
-    checks : tuple of Check
-    skipped : tuple of (str, str)
-        Name of a check that this machine cannot make, and the reason.
-    ran : str
-        Which printing of the law ran in the closed loops: the folder's own, or for MATLAB (and
-        where no compiler is) Python's; empty when none did.
-    doubts : tuple of str
-        Why the design itself should not be switched on, whole sentences; empty when it may be.
-    """
-
-    checks: tuple[Check, ...]
-    skipped: tuple[tuple[str, str], ...]
-    ran: str
-    doubts: tuple[str, ...] = ()
-
-    @property
-    def passed(self) -> bool:
-        """Whether no check failed."""
-        return all(check.passed for check in self.checks)
-
-
-@dataclass(frozen=True)
-class Part:
-    """What one part of the verification found, and a way to make controllers where it runs."""
-
-    checks: tuple[Check, ...] = ()
-    skipped: tuple[tuple[str, str], ...] = ()
-    new: NewDevice | None = None
 
 
 def verify_folder(folder: Path, progress: Progress | None = None) -> Verdict:
@@ -142,11 +68,11 @@ def verify_folder(folder: Path, progress: Progress | None = None) -> Verdict:
         assert new is not None  # noqa: S101 - Python is always there
         checks = [whole, recorded, *own.checks, *other.checks]
         report("classes of arguments", 0.3)
-        checks += [_classes(controller, new), _interleaved(new, work)]
-        checks += _closed_loops(controller, new, report)
-        if manifest["target"] == "c" and compilers():
+        checks += [classes_of_arguments(controller, new), interleaved(new, work)]
+        checks += closed_loops(controller, new, report)
+        if manifest["target"] == "c" and own.new is not None:
             report("single precision", 0.9)
-            checks += _single(controller, new, work)
+            checks += single_precision(controller, new, work)
     ran = manifest["target"] if own.new else "python"
     return Verdict(tuple(checks), own.skipped, ran, doubts(controller.record.document))
 
@@ -307,156 +233,3 @@ def _matlab(controller: Controller, work: Path) -> Part:
             _example(f"{prefix}_example.m", [*command, f"{prefix}_example"], work),
         )
     )
-
-
-def _classes(controller: Controller, new: NewDevice) -> Check:
-    wrong, answers = wrong_answers(controller, new, exact=True)
-    return Check.below("nan, infinities, edges", wrong, 0, "answers", f"of {answers}")
-
-
-def _interleaved(new: NewDevice, work: Path) -> Check:
-    """Run two controllers in turns on different samples; each must answer as if alone."""
-    rows = [
-        tuple(float(x) for x in line.split(",")[1:4])
-        for line in (work / "vectors.csv").read_text("ascii").splitlines()
-        if line.startswith("step,")
-    ]
-    count = min(1000, len(rows) // 2)
-    first, second = rows[:count], rows[-count:]
-    alone = []
-    for samples in (first, second):
-        device = new()
-        alone.append([device.step(*sample) for sample in samples])
-    one, two = new(), new()
-    wrong = 0
-    for k in range(count):
-        wrong += one.step(*first[k]) != alone[0][k]
-        wrong += two.step(*second[k]) != alone[1][k]
-    note = f"of {2 * count}"
-    return Check.below("two controllers in turns", wrong, 0, "voltages", note)
-
-
-def _closed_loops(controller: Controller, new: NewDevice, report: Progress) -> list[Check]:
-    """Run the paper's tests and the faults with the exported controller."""
-    record = controller.record
-    beta = designs.plant_beta(record.rig)
-    nominal = nominal_scenario(record.rig, beta)
-    noisy = replace(nominal, noise=True)
-    worst = replace(nominal, beta_plant=beta / record.document["worst_case"]["ratio"])
-    tests = (
-        ("nominal", nominal),
-        ("noise", noisy),
-        (f"noise, beta_c = {MISMATCH:g} beta", replace(noisy, beta_plant=beta / MISMATCH)),
-        ("worst beta", worst),
-    )
-    checks = []
-    loop = loop_for(record.rig, record.design)
-    for n, (name, scenario) in enumerate(tests):
-        report(f"closed loop: {name}", 0.3 + 0.05 * n)
-        found = close(controller, Run(new()), scenario)
-        told = simulate(loop, record.design, scenario).metrics
-        checks.append(_compared(f"closed loop, {name}", found, told))
-        if n == 0:
-            kept = record.document["nominal"]["itae"]
-            checks.append(
-                Check.below(
-                    "ITAE against design.json",
-                    _apart(found.itae, kept),
-                    SAME_LOOP,
-                    "-",
-                    f"{found.itae:.6g} m s^2",
-                )
-            )
-    quiet = Run(new())
-    fly(controller, quiet)
-    for n, case in enumerate(fault_cases(controller, len(quiet.gaps))):
-        report(f"faults: {case.name}", 0.55 + 0.05 * n)
-        checks.append(_fault(controller, new, case, quiet))
-    checks.append(_dead_sensor(controller, new))
-    return checks
-
-
-def _apart(a: float, b: float | None) -> float:
-    """Return the relative difference; 0 for two that are both not finite."""
-    if b is None or not math.isfinite(b):
-        return 0.0 if not math.isfinite(a) else math.inf
-    return abs(a - b) / abs(b) if b else abs(a)
-
-
-def _compared(name: str, found: Any, told: Any) -> Check:
-    if found.crashed and told.crashed:
-        return Check(name, True, 0.0, SAME_LOOP, note="ball lost, as simulated")
-    apart = max(_apart(getattr(found, x), getattr(told, x)) for x in ("ise", "iae", "itae"))
-    note = f"ITAE {found.itae:.4g} m s^2"
-    return Check.below(name, apart, SAME_LOOP, "-", note)
-
-
-def _fault(
-    controller: Controller,
-    new: NewDevice,
-    case: FaultCase,
-    quiet: Run,
-) -> Check:
-    """Run with a fault; the ball must be held and come back to where it is without."""
-    run = Run(new(), case.fault, case.late)
-    lost = fly(controller, run, case.ratio)
-    if case.ratio != 1.0:
-        quiet = Run(new())
-        fly(controller, quiet, case.ratio)
-    radius = controller.record.document["worst_case"]["spectral_radius_one_more_sample"]
-    promised = not case.delays or (radius is not None and radius < 1)
-    off = max(abs(a - b) for a, b in zip(run.gaps, quiet.gaps, strict=False))
-    value = math.inf if lost else abs(run.errors[-1] - quiet.errors[-1])
-    note = f"up to {1e6 * off:.3g} um away"
-    if lost:
-        note = f"ball lost at sample {len(run.gaps)}"
-    name = f"{case.name}"
-    if not promised:
-        return Check(name, True, 1e6 * value, None, "um", f"{note}; not promised")
-    limit = max(RETURN, SHARE * max(abs(error) for error in quiet.errors))
-    return Check.below(name, 1e6 * value, 1e6 * limit, "um", note)
-
-
-def _dead_sensor(controller: Controller, new: NewDevice) -> Check:
-    """Lose the sensor for good: the coil must be switched off in time and stay so."""
-    rest = controller.record.rig.reference.start_gap
-    device, low = new(), controller.numbers["u_min"]
-    device.step(rest, rest, 0.0)
-    answers = [device.step(math.nan, rest, 0.0) for _ in range(3 * controller.hold_samples)]
-    answers += [device.step(rest, rest, 0.0) for _ in range(10)]
-    after = next((k for k in range(len(answers)) if answers[k:] == [low] * len(answers[k:])), 10**9)
-    name = "sensor dead: off after"
-    return Check.below(name, after, controller.hold_samples, "samples")
-
-
-def _single(controller: Controller, new: NewDevice, work: Path) -> list[Check]:
-    """Compare single precision with double, on the vectors and in closed loop."""
-    compiler, n = compilers()[0], controller.numbers
-    library = load_library(compiler, work, controller.prefix, work / "single.so", single=True)
-    wrong, answers = wrong_answers(controller, library.controller, exact=False)
-    runs = Run(new()), Run(library.controller())
-    crashed = [fly(controller, run) for run in runs]
-    double, single = runs
-    lost = crashed[1] and not crashed[0]
-    volts = max(abs(a - b) for a, b in zip(double.voltages, single.voltages, strict=False))
-    metres = max(abs(a - b) for a, b in zip(double.gaps, single.gaps, strict=False))
-    span, reach = n["u_max"] - n["u_min"], n["gap_high"] - n["gap_low"]
-    return [
-        Check.below(
-            "single precision: nan, infinities, edges", wrong, 0, "answers", f"of {answers}"
-        ),
-        Check.below(
-            "single precision in closed loop: voltage",
-            math.inf if lost else volts,
-            span / VOLTAGE_STEPS,
-            "V",
-            "from double",
-        ),
-        Check.below(
-            "single precision in closed loop: gap",
-            math.inf if lost else 1e6 * metres,
-            1e6 * reach / GAP_STEPS,
-            "um",
-            "from double",
-        ),
-    ]
