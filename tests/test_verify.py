@@ -5,6 +5,7 @@ import math
 import re
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 from exported import needs
@@ -12,10 +13,12 @@ from exported import needs
 from maglev_design.design import plant_beta
 from maglev_design.errors import InputError
 from maglev_design.export import Verdict, export_folder, verify_folder
+from maglev_design.export.behaviour import longest_delay
 from maglev_design.export.classes import class_samples, single, wrong_answers
 from maglev_design.export.controller import Controller, controller_of
 from maglev_design.export.folder import manifest_digest, sha256
-from maglev_design.export.loops import Run, close, fault_cases, fly
+from maglev_design.export.loops import NewDevice, Run, close, fault_cases, fly
+from maglev_design.export.printing import printed
 from maglev_design.export.vectors import Recorder
 from maglev_design.record import DesignRecord
 from maglev_design.simulate import nominal_scenario
@@ -50,6 +53,14 @@ def rehashed(folder: Path) -> None:
         manifest["files"][name] = sha256((folder / name).read_bytes())
     manifest["sha256"] = manifest_digest(manifest)
     (folder / "manifest.json").write_text(json.dumps(manifest), "ascii")
+
+
+def python_printing(controller: Controller) -> NewDevice:
+    """Return the class that the Python export defines."""
+    space: dict[str, Any] = {"__name__": "maglev"}
+    exec(printed(controller, "python", 0)["maglev.py"], space)  # noqa: S102 - our own print
+    new: NewDevice = space["Controller"]
+    return new
 
 
 def failed(verdict: Verdict) -> set[str]:
@@ -180,6 +191,14 @@ def test_a_controller_that_passes_a_nan_on_is_found(controller: Controller) -> N
 
     wrong, answers = wrong_answers(controller, Naive, exact=False)
     assert 0 < wrong < answers
+
+
+def test_a_delay_that_the_loop_does_not_stand_is_not_promised(controller: Controller) -> None:
+    device = python_printing(controller)
+    margin = controller.record.document["margins"]["delay_s"]
+    assert longest_delay(controller, device, margin).passed
+    too_long = {**margin, "value": 1.25 * margin["value"]}
+    assert not longest_delay(controller, device, too_long).passed
 
 
 def test_every_class_of_number_is_tried(controller: Controller) -> None:

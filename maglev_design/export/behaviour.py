@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,15 @@ from maglev_design.export.controller import Controller
 from maglev_design.export.loops import FaultCase, NewDevice, Run, close, fault_cases, fly
 from maglev_design.export.native import compilers, load_library
 from maglev_design.export.verdict import Check
+from maglev_design.parameters import MOST_DELAYED_PERIODS, make_rig
 from maglev_design.simulate import loop_for, nominal_scenario, simulate
+
+NEARLY = 0.9
+"""Share of the stated longest delay with which a nudge must still die out."""
+NUDGE, SETTLING = 1e-3, 4000
+"""The nudge as a share of the gap, and the samples it has to die out."""
+LONGEST_DELAY = 1.0
+"""[s] The longest that a rig may have."""
 
 Progress = Callable[[str, float], None]
 
@@ -96,6 +104,9 @@ def closed_loops(controller: Controller, new: NewDevice, report: Progress) -> li
         report(f"faults: {case.name}", 0.55 + 0.05 * n)
         checks.append(_fault(controller, new, case, quiet))
     checks.append(_dead_sensor(controller, new))
+    margin = record.document["margins"]["delay_s"]
+    if margin["value"] is not None:
+        checks.append(longest_delay(controller, new, margin))
     return checks
 
 
@@ -138,6 +149,26 @@ def _fault(
         return Check(name, True, 1e6 * value, None, "um", f"{note}; not promised")
     limit = max(RETURN, SHARE * max(abs(error) for error in quiet.errors))
     return Check.below(name, 1e6 * value, 1e6 * limit, "um", note)
+
+
+def longest_delay(controller: Controller, new: NewDevice, margin: Mapping[str, Any]) -> Check:
+    """Run with nearly the delay that the README states, at its gap and ratio: errors die out."""
+    record = controller.record
+    data = record.rig.model_dump(exclude_none=True)
+    period, gap = record.rig.sampling.period, margin["gap"]
+    delay = record.rig.sampling.delay + NEARLY * margin["value"]
+    longest = min(MOST_DELAYED_PERIODS * period, LONGEST_DELAY)
+    data["sampling"]["delay"] = min(delay, longest)
+    data["initial"] = {"gap": gap * (1 + NUDGE)}
+    ends = {"start_time": 0.0, "end_time": period, "horizon": SETTLING * period}
+    data["reference"] = {"start_gap": gap, "end_gap": gap} | ends
+    moved = replace(record, rig=make_rig(data, "verify"))
+    run = Run(new())
+    lost = fly(replace(controller, record=moved), run, margin["ratio"])
+    left = max(abs(error) for error in run.errors[-SETTLING // 4 :]) / (NUDGE * gap)
+    name = f"{NEARLY:.0%} of the longest delay, worst case"
+    note = f"{1e3 * data['sampling']['delay']:.3g} ms; share of a nudge left"
+    return Check.below(name, math.inf if lost else left, 0.5, "-", note)
 
 
 def _dead_sensor(controller: Controller, new: NewDevice) -> Check:
