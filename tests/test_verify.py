@@ -242,3 +242,18 @@ def test_faults_are_what_their_names_say(controller: Controller) -> None:
     assert sum(late.late(k) for k in range(100)) == 10
     assert all(delayed.late(k) and worst.late(k) for k in range(100))
     assert worst.ratio == controller.record.document["margins"]["delay_s"]["ratio"] != 1.0
+
+
+def test_what_a_machine_without_tools_cannot_check_is_said(
+    exported: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    without_octave = verify_folder(exported / "matlab")
+    assert failed(without_octave) == set()
+    assert {why for _, why in without_octave.skipped} == {"octave is not installed"}
+    without_compiler = verify_folder(exported / "c")
+    assert failed(without_compiler) == {"a C compiler"}
+    assert without_compiler.ran == "python"
+    names = " ".join(why for _, why in without_compiler.skipped)
+    assert "cppcheck" in names
+    assert "frama-c" in names

@@ -7,6 +7,7 @@ import re
 import shutil
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -111,17 +112,27 @@ def _replayed(name: str, command: list[str], work: Path) -> Check:
 
 
 def _c(controller: Controller, work: Path) -> Part:
-    """Build with every compiler that is here, without a warning, and with its sanitizers."""
+    """Build and run the C while the tools that only read it do so."""
     prefix = controller.prefix
-    checks: list[Check] = []
-    skipped: list[tuple[str, str]] = []
+    with ThreadPoolExecutor(1) as pool:
+        reading = pool.submit(_analysed, prefix, work)
+        built = _built(prefix, work)
+        read = reading.result()
+    checks, skipped = built.checks + read.checks, built.skipped + read.skipped
+    if not compilers() or any(not check.passed for check in checks):
+        return Part(checks, skipped)
+    library = load_library(compilers()[0], work, prefix, work / "double.so")
+    return Part(checks, skipped, library.controller)
+
+
+def _built(prefix: str, work: Path) -> Part:
+    """Build with every compiler that is here, without a warning, and with its sanitizers."""
     found = compilers()
-    absent = [name for name in COMPILERS if name not in found]
-    skipped += [(f"vectors, {name}", f"{name} is not installed") for name in absent]
     if not found:
-        checks.append(Check("a C compiler", False, 0, None, note="none is installed: gcc or clang"))
-        return Part(tuple(checks), tuple(skipped))
-    sources = [f"{prefix}.c", "check.c"]
+        note = f"none is installed: {' or '.join(COMPILERS)}"
+        return Part((Check("a C compiler", False, 0, None, note=note),))
+    absent = [name for name in COMPILERS if name not in found]
+    skipped = [(f"vectors, {name}", f"{name} is not installed") for name in absent]
     builds: list[tuple[str, str, tuple[str, ...]]] = [
         (f"vectors, {name}", name, OPTIMISED) for name in found
     ]
@@ -129,14 +140,21 @@ def _c(controller: Controller, work: Path) -> Part:
         builds.append((f"vectors, {found[0]} with its sanitizers", found[0], SANITIZED))
     else:
         skipped.append(("vectors with sanitizers", f"{found[0]} has none here"))
+    checks = []
     for title, name, flags in builds:
-        said = compile_c(name, work, sources, work / "check", *flags)
+        said = compile_c(name, work, [f"{prefix}.c", "check.c"], work / "check", *flags)
         if said:
             checks.append(Check(title, False, math.inf, 0, "rows", said.splitlines()[0]))
         else:
             checks.append(_replayed(title, ["./check"], work))
     said = compile_c(found[0], work, [f"{prefix}.c", "example.c"], work / "example", *OPTIMISED)
     checks.append(_example("example.c", ["./example"], work, said))
+    return Part(tuple(checks), tuple(skipped))
+
+
+def _analysed(prefix: str, work: Path) -> Part:
+    """Let the tools read the source that are here."""
+    checks, skipped = [], []
     for tool, missed, found_by in (
         ("cppcheck", "MISRA C:2012", _misra),
         ("frama-c", "proof of the voltage range", _proof),
@@ -145,10 +163,7 @@ def _c(controller: Controller, work: Path) -> Part:
             checks.append(found_by(prefix, work))
         else:
             skipped.append((missed, f"{tool} is not installed"))
-    if any(not check.passed for check in checks):
-        return Part(tuple(checks), tuple(skipped))
-    library = load_library(found[0], work, prefix, work / "double.so")
-    return Part(tuple(checks), tuple(skipped), library.controller)
+    return Part(tuple(checks), tuple(skipped))
 
 
 def _misra(prefix: str, work: Path) -> Check:
