@@ -14,6 +14,7 @@ Feedforward = Literal["none", "static"]
 Derivative = Literal["error", "measurement"]
 Start = Literal["kick", "bumpless"]
 Backend = Literal["auto", "compiled", "interpreted"]
+Target = Literal["python", "c", "matlab"]
 
 METHODS: tuple[Method, ...] = get_args(Method)
 EQUILIBRIA: tuple[Equilibrium, ...] = get_args(Equilibrium)

@@ -199,6 +199,11 @@ def reference_program() -> Program:
     return program("reference")
 
 
+def peak_program() -> Program:
+    """Return the program (start_gap, end_gap, start_time, end_time) -> largest |y*''|."""
+    return program("peak")
+
+
 def plant_beta(rig: Rig) -> float:
     """Return beta = K C^2/m of the rig [m^3/(s^2 V^2)], eq. (4).
 

@@ -40,6 +40,12 @@ class InfeasibleError(MaglevError):
         self.constraint = constraint
 
 
+class VerificationError(MaglevError):
+    """Two computations that must agree do not: something is broken, here or on this machine."""
+
+    exit_code = 4
+
+
 def nearest(word: str, known: Iterable[str]) -> str:
     """Return ``" (did you mean 'x'?)"`` for the known name nearest to `word`, or ``""``.
 

@@ -161,14 +161,18 @@ def _curves(result: TuneResult) -> dict[str, NDArray[np.float64]]:
     return curves
 
 
+def document_bytes(document: Mapping[str, Any]) -> bytes:
+    """Return the content of ``design.json``, with the digest over all the rest of it."""
+    whole = {**document, "sha256": digest(document)}
+    return (json.dumps(whole, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
 def save(record: DesignRecord, folder: Path) -> tuple[Path, ...]:
     """Write ``design.json`` and ``design.npz`` into `folder`; return their paths."""
-    document = record.document | {"sha256": digest(record.document)}
-    text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     buffer = io.BytesIO()
     np.savez_compressed(buffer, allow_pickle=False, **record.curves)
     paths = (folder / "design.json", folder / "design.npz")
-    write_bytes(paths[0], text.encode())
+    write_bytes(paths[0], document_bytes(record.document))
     write_bytes(paths[1], buffer.getvalue())
     return paths
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import pytest
+from exported import judged
 from hypothesis import HealthCheck, settings
 from rigs import OFFSET, SHORT, rig_with
 
+from maglev_design.design import PoleSpec
 from maglev_design.parameters import Rig, load_rig
+from maglev_design.record import DesignRecord
 
 settings.register_profile(
     "repeatable",
@@ -33,3 +36,9 @@ def short_rig() -> Rig:
 def offset_rig() -> Rig:
     """A rig with a gap offset."""
     return rig_with(OFFSET)
+
+
+@pytest.fixture(scope="session")
+def tuned_record() -> DesignRecord:
+    """A design on a 0.4 s path as `tune` saves it, with a name that no target language can hold."""
+    return judged(PoleSpec.double(1.1, 75.0))

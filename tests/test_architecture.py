@@ -70,6 +70,7 @@ LATE = {
     "matplotlib",
     "pydantic",
     "rich",
+    "jinja2",
     "dask",
     "distributed",
 }

@@ -462,6 +462,15 @@ def test_a_scalar_program_cannot_reach_beyond_its_text(tmp_path: Path) -> None:
     assert not trap.exists()
 
 
+def test_c_can_have_a_type_and_literals_of_its_own() -> None:
+    lines = lower([a], {"x": 3 * a - sp.Rational(1, 2)}).source("c", real="real", literal="R({})")
+    assert lines == ["const real t0 = R(3.0) * a;", "const real t1 = t0 - R(0.5);", "x = t1;"]
+
+
+def test_a_program_knows_which_inputs_it_uses() -> None:
+    assert lower([a, b, c], {"x": a * 2, "z": c}).used == {"a", "c"}
+
+
 # --- rational arithmetic -------------------------------------------------------------------
 
 

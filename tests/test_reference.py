@@ -18,6 +18,7 @@ from maglev_design.symbolic.reference import (
     end_gap,
     end_time,
     flatness_at_ends,
+    peak_acceleration,
     printed_coefficients,
     rest_to_rest,
     start_gap,
@@ -126,3 +127,12 @@ def test_velocity_and_acceleration_are_the_path_s_derivatives() -> None:
     for n, derivative in ((0, velocity), (1, acceleration)):
         slope = (ahead[n] - behind[n]) / (2 * STEP)
         assert np.abs(slope - derivative).max() < DIFFERENCES * np.abs(derivative).max()
+
+
+@pytest.mark.parametrize(("order", "leading"), [(5, 3), (9, 4), (PAPER_ORDER, 8)])
+def test_the_peak_acceleration_is_the_largest_on_a_fine_grid(order: int, leading: int) -> None:
+    step = bezier_step(order, leading)
+    symbols = (start_gap, end_gap, start_time, end_time)
+    (peak,) = lower(symbols, {"peak": peak_acceleration(step)}).scalar()(0.024, 0.012, 1.0, 3.0)
+    grid = np.abs(numbers(step, step.curvature, np.linspace(0.0, 1.0, 20001))).max()
+    assert peak == pytest.approx(0.012 * grid / 2.0**2, rel=1e-6)

@@ -408,3 +408,48 @@ def test_what_does_not_depend_on_the_gains_stays_a_number(name: str, method: Met
     assert not [x for x in equation.coefficients.values() if sp.sympify(x).is_Integer]
     assert "a11" not in {s.name for s in equation.coefficients}, "an integrator keeps its state"
     assert "x1_max" in {s.name for s in equation.coefficients}
+
+
+# --- a start without a jump ----------------------------------------------------------------
+
+
+@cache
+def bumpless(method: Method) -> Callable[..., tuple[float, ...]]:
+    """Return (error, y_ref, acc, u, coefficients by name) -> the TAN-GPI's states."""
+    equation = running.difference_equation(law_of("tan-gpi"), method)
+    inputs = (*equation.signals, p.u, p.Y, p.U, laws.u_min, laws.u_max, *equation.coefficients)
+    start = running.bumpless_start(equation)
+    known = (*SYMBOLS, p.beta_c, p.g, p.Y, p.y0, laws.u_min, laws.u_max)
+    entries = {s.name: x for s, x in equation.coefficients.items()}
+    values = lower(known, entries).scalar()(
+        *(KNOWN.C_U, KNOWN.C_Y, PERIOD, *numbers_of("tan-gpi", POLES)),
+        *(KNOWN.beta, KNOWN.g, KNOWN.Y, KNOWN.y0, 0.0, HIGH),
+    )
+    run = lower(inputs, {f"start{n}": x for n, x in enumerate(start)}).scalar()
+    return lambda y, y_ref, acc, u: run(y, y_ref, acc, u, KNOWN.Y, KNOWN.U, 0.0, HIGH, *values)
+
+
+@methods
+@given(st.floats(-1e-4, 1e-4), st.floats(0.02, 0.026), st.floats(-1.0, 1.0), st.floats(0.5, 4.0))
+@settings(max_examples=25)
+def test_a_bumpless_start_commands_the_voltage_and_rests(
+    method: Method, error: float, y_ref: float, acc: float, u: float
+) -> None:
+    sample = sample_of(error, y_ref, acc)
+    start = bumpless(method)(sample["y"], y_ref, acc, u)
+    moved, commanded, _ = stepper("tan-gpi", method)(start, sample)
+    assert commanded == pytest.approx(u, rel=SAME_STEP)
+    assert moved[1] == pytest.approx(start[1], rel=SAME_STEP, abs=1e-18)
+
+
+@methods
+def test_a_bumpless_start_keeps_the_integrator_s_bound(method: Method) -> None:
+    sample = sample_of(0.01)
+    start = bumpless(method)(sample["y"], sample["y_ref"], 0.0, 0.0)
+    (share, *_) = states_of("tan-gpi", (1.0, 0.0))
+    assert abs(start[0]) == pytest.approx(abs(share), rel=SAME_STEP)
+
+
+def test_a_law_that_is_not_linear_in_its_integrator_has_no_bumpless_start() -> None:
+    with pytest.raises(ValueError, match="not linear"):
+        running.bumpless_start(running.difference_equation(law_of("fee-gpi"), "tustin"))

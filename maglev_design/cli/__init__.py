@@ -27,6 +27,7 @@ from maglev_design.choices import (
     Objective,
     Scenarios,
     Start,
+    Target,
 )
 from maglev_design.errors import MaglevError
 
@@ -516,6 +517,51 @@ def claims(
         as_json=json,
         command=_command_line(),
     )
+
+
+@app.command()
+def export(
+    design: Annotated[Path, typer.Argument(help="A saved design.json, or its folder.")],
+    target: Annotated[Target, typer.Option(help="The language of the controller.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Folder for the controller and its README.")
+    ],
+    prefix: Annotated[
+        str, typer.Option(help="What every public name and file begins with.")
+    ] = "maglev",
+    allow_unverified: Annotated[
+        bool,
+        typer.Option(
+            "--allow-unverified",
+            help="Export a design whose re-simulation failed or that has no certificate.",
+        ),
+    ] = False,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Print a saved design as a controller that stands alone, with tests, example and README."""
+    from maglev_design.cli import export_verb  # noqa: PLC0415
+
+    export_verb.export(
+        design,
+        target,
+        output,
+        prefix=prefix,
+        allow_unverified=allow_unverified,
+        force=force,
+        as_json=json,
+    )
+
+
+@app.command()
+def verify(
+    folder: Annotated[Path, typer.Argument(help="A folder that `export` wrote.")],
+    json: JsonOption = False,
+) -> None:
+    """Build an exported controller, run it, and compare it with the design it came from."""
+    from maglev_design.cli import verify_verb  # noqa: PLC0415
+
+    verify_verb.verify(folder, as_json=json)
 
 
 def _command_line() -> str:

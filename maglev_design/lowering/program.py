@@ -12,7 +12,7 @@ import json
 import keyword
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
@@ -156,13 +156,32 @@ class Program:
             raise ValueError(f"not a program: {error}") from error
         return cls(tuple(inputs), tuple(outputs), operations, tuple(results))
 
-    def source(self, language: Language) -> list[str]:
+    @property
+    def used(self) -> frozenset[str]:
+        """The inputs that some output depends on."""
+        read = {a for operation in self.operations[len(self.inputs) :] for a in operation.arguments}
+        read |= set(self.results)
+        return frozenset(name for n, name in enumerate(self.inputs) if n in read)
+
+    def source(self, language: Language, *, real: str = "double", literal: str = "{}") -> list[str]:
         """Return one statement a line, assigning every output from the inputs.
 
         Values that are used once are still named, ``t0``, ``t1``, ...: the order of the
         operations is what makes the languages agree.
+
+        Parameters
+        ----------
+        language : {"python", "c", "matlab"}
+        real : str
+            C only: the type of a number.
+        literal : str
+            How a constant is wrapped; ``{}`` stands for its digits.
         """
-        syntax = _SYNTAX[language]
+        syntax = replace(
+            _SYNTAX[language],
+            real=_SYNTAX[language].real.replace("double", real),
+            literal=literal,
+        )
         names: list[str] = list(self.inputs)
         lines: list[str] = []
         for operation in self.operations[len(self.inputs) :]:
@@ -264,6 +283,7 @@ class _Syntax:
     logical: str
     assign: str
     infinity: str
+    literal: str = "{}"
 
     def statement(self, operation: str, name: str, text: str) -> str:
         if text.startswith("if "):
@@ -275,7 +295,8 @@ class _Syntax:
         """Return the shortest decimal that reads back as `value`."""
         if math.isinf(value):
             return self.infinity if value > 0 else f"(-{self.infinity})"
-        return repr(value) if value >= 0 else f"({value!r})"
+        digits = self.literal.format(repr(abs(value)))
+        return digits if value >= 0 else f"(-{digits})"
 
 
 _INFIX = {

@@ -125,6 +125,12 @@ def reference() -> Program:
     return lower(inputs, {"y_ref": gap, "v_ref": velocity, "acc_ref": acceleration})
 
 
+def peak() -> Program:
+    """Return the largest acceleration of a move."""
+    inputs = (paths.start_gap, paths.end_gap, paths.start_time, paths.end_time)
+    return lower(inputs, {"peak": paths.peak_acceleration(paths.bezier_step())})
+
+
 def acceleration() -> Program:
     """Return the acceleration of the plant."""
     levitation = p.magnetic_levitation()
@@ -159,6 +165,14 @@ def step(method: Method, controller: Controller) -> Program:
     outputs = {f"{s.name}_next": x for s, x in zip(states, own.next_states, strict=True)}
     outputs |= {"commanded": running.commanded, "applied": own.applied}
     return lower(inputs, outputs, {running.commanded: own.commanded})
+
+
+def bumpless(method: Method, controller: Controller) -> Program:
+    """Return the states that command a given voltage."""
+    own = equation(method, controller)
+    inputs = [*own.signals, p.u, *_FIXED, *own.coefficients]
+    start = running.bumpless_start(own)
+    return lower(inputs, {x.name: s for x, s in zip(own.law.states, start, strict=True)})
 
 
 def feedforward(method: Method, controller: Controller) -> Program:

@@ -7,7 +7,7 @@ an integrator that shares nothing with the first.
 from maglev_design.simulate.batch import Summary, cores, respond, simulate_batch
 from maglev_design.simulate.emulator import emulated
 from maglev_design.simulate.graph import LoopGraph, build
-from maglev_design.simulate.independent import resimulate
+from maglev_design.simulate.independent import own_step, resimulate
 from maglev_design.simulate.response import (
     Crash,
     Metrics,
@@ -38,6 +38,7 @@ __all__ = [
     "loop_for",
     "mirrored",
     "nominal_scenario",
+    "own_step",
     "pole_tangent",
     "resimulate",
     "respond",

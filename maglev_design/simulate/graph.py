@@ -175,6 +175,11 @@ def start_program(controller: Controller = TAN_GPI) -> Program:
     return program("start", controller)
 
 
+def bumpless_program(method: Method, controller: Controller = TAN_GPI) -> Program:
+    """Return the program signals, u, Y, U, limits, coefficients -> states that command u."""
+    return program("bumpless", method, controller)
+
+
 def continuous_program(controller: Controller = TAN_GPI) -> Program:
     """Return the continuous law: states, signals, Y, U, limits, believed, gains -> rates."""
     return program("continuous", controller)

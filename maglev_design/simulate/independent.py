@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +25,9 @@ from maglev_design.simulate.graph import (
     step_program,
 )
 from maglev_design.simulate.response import Array, Scenario, held_voltage, noise_samples
+
+SampledController = Callable[[Mapping[str, float]], tuple[float, float]]
+"""From a sample (y, v, y_ref, v_ref, acc_ref) to the commanded and the applied voltage."""
 
 RELATIVE_TOLERANCE = 1e-9
 ABSOLUTE_TOLERANCE = 1e-13
@@ -44,16 +48,24 @@ class Check:
     crashed: bool
 
 
-def resimulate(rig: Rig, design: designs.Design, scenario: Scenario) -> Check:
-    """Return the metrics of one sampled closed loop, integrated independently."""
+def resimulate(
+    rig: Rig,
+    design: designs.Design,
+    scenario: Scenario,
+    controller: SampledController | None = None,
+) -> Check:
+    """Return the metrics of one sampled closed loop, integrated independently.
+
+    Parameters
+    ----------
+    rig : Rig
+    design : Design
+    scenario : Scenario
+    controller : callable, optional
+        Runs instead of the design's own step, which then gives only the voltage that acts before
+        the first sample.
+    """
     when = designs.timing(rig.sampling.period, rig.sampling.delay)
-    step = step_program(design.method, design.controller)
-    run_step = step.scalar()
-    low, high = rig.limits.voltage
-    fixed = {"Y": design.Y, "U": design.believed.U, "u_min": low, "u_max": high}
-    fixed |= dict(design.coefficients)
-    names = [n for n in step.inputs if n in fixed]
-    constants = [fixed[n] for n in names]
     period, horizon = rig.sampling.period, rig.reference.horizon
     count = math.ceil(round(horizon / period, 9))
     times: Array = np.arange(count, dtype=float) * period
@@ -63,13 +75,13 @@ def resimulate(rig: Rig, design: designs.Design, scenario: Scenario) -> Check:
     state = [scenario.initial_gap, scenario.initial_velocity, 0.0, 0.0, 0.0]
     memory, first = _start(rig, design, scenario, float(noise[1, 0]))
     pending = deque([first] * when.held)
-    signals = signal_names(design.controller)
+    run_step = controller or own_step(rig, design, memory)
     peak, inside = -math.inf, (contact_gap(rig), rig.limits.gap[1])
     for k in range(count):
         start, end = times[k], min(times[k] + period, horizon)
         sample = dict(zip(("y_ref", "v_ref", "acc_ref"), samples[:, k], strict=True))
         sample |= {"y": state[0] + noise[1, k], "v": state[1]}
-        *memory, commanded, applied = run_step(*memory, *[sample[s] for s in signals], *constants)
+        commanded, applied = run_step(sample)
         peak = max(peak, commanded)
         pending.append(applied)
         change = min(start + when.part, end)
@@ -83,6 +95,25 @@ def resimulate(rig: Rig, design: designs.Design, scenario: Scenario) -> Check:
             return Check(math.inf, math.inf, math.inf, float(peak), True)
     ise, iae, itae = (float(x) / scale for x, scale in zip(state[2:], SCALES, strict=True))
     return Check(ise, iae, itae, float(peak), False)
+
+
+def own_step(rig: Rig, design: designs.Design, start: Sequence[float]) -> SampledController:
+    """Return the design's lowered step with its memory inside, from the states `start`."""
+    step = step_program(design.method, design.controller)
+    run_step = step.scalar()
+    low, high = rig.limits.voltage
+    fixed = {"Y": design.Y, "U": design.believed.U, "u_min": low, "u_max": high}
+    fixed |= dict(design.coefficients)
+    constants = [fixed[n] for n in step.inputs if n in fixed]
+    signals = signal_names(design.controller)
+    memory = list(start)
+
+    def run(sample: Mapping[str, float]) -> tuple[float, float]:
+        values = run_step(*memory, *[sample[s] for s in signals], *constants)
+        memory[:] = values[:-2]
+        return values[-2], values[-1]
+
+    return run
 
 
 def _start(

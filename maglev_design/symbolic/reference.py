@@ -119,3 +119,20 @@ def rest_to_rest(step: BezierStep) -> tuple[Expr, Expr, Expr]:
     velocity = travel / duration * step.slope.subs(inside)
     acceleration = travel / duration**2 * step.curvature.subs(inside)
     return gap, velocity, acceleration
+
+
+def peak_acceleration(step: BezierStep) -> Expr:
+    """Return the largest |y*''| of the move [m/s^2], |end_gap - start_gap| max |phi''|/duration^2.
+
+    Examples
+    --------
+    >>> step = bezier_step(5, 3)
+    >>> sp.simplify(peak_acceleration(step) / peak_acceleration(step).subs(end_time, 1))
+    (start_time - 1)**2/(end_time - start_time)**2
+    """
+    turning = sp.Poly(sp.diff(step.curvature, tau), tau).real_roots(multiple=True)
+    inside = {root for root in turning if 0 <= root <= 1}
+    largest = max((sp.Abs(step.curvature.subs(tau, root)) for root in inside), key=sp.N)
+    travel = end_gap - start_gap
+    scale = sp.Rational(str(sp.N(largest, 30)))
+    return sp.Max(travel, -travel) * scale / (end_time - start_time) ** 2

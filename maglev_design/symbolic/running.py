@@ -126,6 +126,37 @@ def difference_equation(law: ControlLaw, method: Method) -> DifferenceEquation:
     )
 
 
+def bumpless_start(equation: DifferenceEquation) -> tuple[Expr, ...]:
+    """Return the states from which the first command is a given voltage u.
+
+    A state that does not integrate starts where the first sample, if it stayed, would leave it;
+    the integrator makes up the rest of the voltage, as far as its bound allows. In the signals,
+    u, Y, U and the step's coefficients.
+
+    Raises
+    ------
+    ValueError
+        For a law without exactly one integrator, or whose command is not linear in it.
+    """
+    law = equation.law
+    if len(law.integrators) != 1:
+        raise ValueError(f"{law.controller.name}: one integrator is needed for a bumpless start")
+    (n,) = law.integrators
+    integrator = law.states[n]
+    rest = {
+        state: sp.factor(sp.solve(following - state, state)[0])
+        for k, (state, following) in enumerate(zip(law.states, equation.next_states, strict=True))
+        if k != n
+    }
+    gain = sp.diff(equation.commanded, integrator)
+    if gain.free_symbols & {integrator, *equation.signals}:
+        raise ValueError(f"{law.controller.name}: the command is not linear in its integrator")
+    others = equation.commanded.subs({**rest, integrator: 0})
+    bound = next(x for x in equation.coefficients if x.name == f"x{n + 1}_max")
+    needed = sp.Min(sp.Max((p.u - others) / gain, -bound), bound)
+    return tuple(needed if k == n else rest[state] for k, state in enumerate(law.states))
+
+
 def _suffix(column: int) -> str:
     return f"_{column + 1}" if column else ""
 

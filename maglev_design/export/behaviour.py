@@ -1,0 +1,219 @@
+"""How an exported controller behaves: odd arguments, two at once, closed loops, faults."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from maglev_design import design as designs
+from maglev_design.errors import VerificationError
+from maglev_design.export.classes import wrong_answers
+from maglev_design.export.controller import Controller
+from maglev_design.export.loops import FaultCase, NewDevice, Run, close, fault_cases, fly
+from maglev_design.export.native import compilers, load_library
+from maglev_design.export.verdict import Check
+from maglev_design.parameters import MOST_DELAYED_PERIODS, make_rig
+from maglev_design.simulate import loop_for, nominal_scenario, simulate
+
+NEARLY = 0.9
+"""Share of the stated longest delay with which a nudge must still die out."""
+NUDGE, SETTLING = 1e-3, 4000
+"""The nudge as a share of the gap, and the samples it has to die out."""
+LONGEST_DELAY = 1.0
+"""[s] The longest that a rig may have."""
+
+Progress = Callable[[str, float], None]
+
+SAME_LOOP = 1e-4
+"""Largest relative difference of ITAE, IAE and ISE between two integrators and two quadratures,
+which agree to 1e-6 on a quiet run and to a few 1e-5 where noise makes the error change sign."""
+MISMATCH = 1.15
+"""beta_c/beta of the paper's test 3; here the controller stays and the plant moves."""
+VOLTAGE_STEPS, GAP_STEPS = 4096, 65536
+"""Single precision may cost one step of a 12-bit voltage and of a 16-bit gap, no more."""
+RETURN, SHARE = 1e-6, 0.05
+"""How near to the run without faults the ball must be at the end of one with faults: 1 um, or this
+share of the largest error without faults where that is more."""
+
+
+def classes_of_arguments(controller: Controller, new: NewDevice) -> Check:
+    """Try every class of argument in every state; see :mod:`maglev_design.export.classes`."""
+    wrong, answers = wrong_answers(controller, new, exact=True)
+    return Check.below("nan, infinities, edges", wrong, 0, "answers", f"of {answers}")
+
+
+def interleaved(new: NewDevice, work: Path) -> Check:
+    """Run two controllers in turns on different samples; each must answer as if alone."""
+    rows = [
+        tuple(float(x) for x in line.split(",")[1:4])
+        for line in (work / "vectors.csv").read_text("ascii").splitlines()
+        if line.startswith("step,")
+    ]
+    count = min(1000, len(rows) // 2)
+    first, second = rows[:count], rows[-count:]
+    alone = []
+    for samples in (first, second):
+        device = new()
+        alone.append([device.step(*sample) for sample in samples])
+    one, two = new(), new()
+    wrong = 0
+    for k in range(count):
+        wrong += one.step(*first[k]) != alone[0][k]
+        wrong += two.step(*second[k]) != alone[1][k]
+    note = f"of {2 * count}"
+    return Check.below("two controllers in turns", wrong, 0, "voltages", note)
+
+
+def closed_loops(controller: Controller, new: NewDevice, report: Progress) -> list[Check]:
+    """Run the paper's tests and the faults with the exported controller."""
+    record = controller.record
+    beta = designs.plant_beta(record.rig)
+    nominal = nominal_scenario(record.rig, beta)
+    noisy = replace(nominal, noise=True)
+    worst = replace(nominal, beta_plant=beta / record.document["worst_case"]["ratio"])
+    tests = (
+        ("nominal", nominal),
+        ("noise", noisy),
+        (f"noise, beta_c = {MISMATCH:g} beta", replace(noisy, beta_plant=beta / MISMATCH)),
+        ("worst beta", worst),
+    )
+    checks = []
+    loop = loop_for(record.rig, record.design)
+    for n, (name, scenario) in enumerate(tests):
+        report(f"closed loop: {name}", 0.3 + 0.05 * n)
+        found = close(controller, Run(new()), scenario)
+        told = simulate(loop, record.design, scenario).metrics
+        checks.append(_compared(f"closed loop, {name}", found, told))
+        if n == 0:
+            kept = record.document["nominal"]["itae"]
+            checks.append(
+                Check.below(
+                    "ITAE against design.json",
+                    _apart(found.itae, kept),
+                    SAME_LOOP,
+                    "-",
+                    f"{found.itae:.6g} m s^2",
+                )
+            )
+    quiet = Run(new())
+    fly(controller, quiet)
+    for n, case in enumerate(fault_cases(controller, len(quiet.gaps))):
+        report(f"faults: {case.name}", 0.55 + 0.05 * n)
+        checks.append(_fault(controller, new, case, quiet))
+    checks.append(_dead_sensor(controller, new))
+    margin = record.document["margins"]["delay_s"]
+    if margin["value"] is not None:
+        checks.append(longest_delay(controller, new, margin))
+    return checks
+
+
+def _apart(a: float, b: float | None) -> float:
+    """Return the relative difference; 0 for two that are both not finite."""
+    if b is None or not math.isfinite(b):
+        return 0.0 if not math.isfinite(a) else math.inf
+    return abs(a - b) / abs(b) if b else abs(a)
+
+
+def _compared(name: str, found: Any, told: Any) -> Check:
+    if found.crashed and told.crashed:
+        return Check(name, True, 0.0, SAME_LOOP, note="ball lost, as simulated")
+    apart = max(_apart(getattr(found, x), getattr(told, x)) for x in ("ise", "iae", "itae"))
+    note = f"ITAE {found.itae:.4g} m s^2"
+    return Check.below(name, apart, SAME_LOOP, "-", note)
+
+
+def _fault(
+    controller: Controller,
+    new: NewDevice,
+    case: FaultCase,
+    quiet: Run,
+) -> Check:
+    """Run with a fault; the ball must be held and come back to where it is without."""
+    run = Run(new(), case.fault, case.late)
+    lost = fly(controller, run, case.ratio)
+    if case.ratio != 1.0:
+        quiet = Run(new())
+        fly(controller, quiet, case.ratio)
+    radius = controller.record.document["worst_case"]["spectral_radius_one_more_sample"]
+    promised = not case.delays or (radius is not None and radius < 1)
+    off = max(abs(a - b) for a, b in zip(run.gaps, quiet.gaps, strict=False))
+    value = math.inf if lost else abs(run.errors[-1] - quiet.errors[-1])
+    note = f"up to {1e6 * off:.3g} um away"
+    if lost:
+        note = f"ball lost at sample {len(run.gaps)}"
+    name = f"{case.name}"
+    if not promised:
+        return Check(name, True, 1e6 * value, None, "um", f"{note}; not promised")
+    limit = max(RETURN, SHARE * max(abs(error) for error in quiet.errors))
+    return Check.below(name, 1e6 * value, 1e6 * limit, "um", note)
+
+
+def longest_delay(controller: Controller, new: NewDevice, margin: Mapping[str, Any]) -> Check:
+    """Run with nearly the delay that the README states, at its gap and ratio: errors die out."""
+    record = controller.record
+    data = record.rig.model_dump(exclude_none=True)
+    period, gap = record.rig.sampling.period, margin["gap"]
+    delay = record.rig.sampling.delay + NEARLY * margin["value"]
+    longest = min(MOST_DELAYED_PERIODS * period, LONGEST_DELAY)
+    data["sampling"]["delay"] = min(delay, longest)
+    data["initial"] = {"gap": gap * (1 + NUDGE)}
+    ends = {"start_time": 0.0, "end_time": period, "horizon": SETTLING * period}
+    data["reference"] = {"start_gap": gap, "end_gap": gap} | ends
+    moved = replace(record, rig=make_rig(data, "verify"))
+    run = Run(new())
+    lost = fly(replace(controller, record=moved), run, margin["ratio"])
+    left = max(abs(error) for error in run.errors[-SETTLING // 4 :]) / (NUDGE * gap)
+    name = f"{NEARLY:.0%} of the longest delay, worst case"
+    note = f"{1e3 * data['sampling']['delay']:.3g} ms; share of a nudge left"
+    return Check.below(name, math.inf if lost else left, 0.5, "-", note)
+
+
+def _dead_sensor(controller: Controller, new: NewDevice) -> Check:
+    """Lose the sensor for good: the coil must be switched off in time and stay so."""
+    rest = controller.record.rig.reference.start_gap
+    device, low = new(), controller.numbers["u_min"]
+    device.step(rest, rest, 0.0)
+    answers = [device.step(math.nan, rest, 0.0) for _ in range(3 * controller.hold_samples)]
+    answers += [device.step(rest, rest, 0.0) for _ in range(10)]
+    after = next((k for k in range(len(answers)) if answers[k:] == [low] * len(answers[k:])), 10**9)
+    name = "sensor dead: off after"
+    return Check.below(name, after, controller.hold_samples, "samples")
+
+
+def single_precision(controller: Controller, new: NewDevice, work: Path) -> list[Check]:
+    """Compare single precision with double, on the vectors and in closed loop."""
+    compiler, n = compilers()[0], controller.numbers
+    try:
+        library = load_library(compiler, work, controller.prefix, work / "single.so", single=True)
+    except VerificationError as error:
+        return [Check("single precision compiles", False, 1, 0, note=str(error))]
+    wrong, answers = wrong_answers(controller, library.controller, exact=False)
+    runs = Run(new()), Run(library.controller())
+    crashed = [fly(controller, run) for run in runs]
+    double, single = runs
+    lost = crashed[1] and not crashed[0]
+    volts = max(abs(a - b) for a, b in zip(double.voltages, single.voltages, strict=False))
+    metres = max(abs(a - b) for a, b in zip(double.gaps, single.gaps, strict=False))
+    span, reach = n["u_max"] - n["u_min"], n["gap_high"] - n["gap_low"]
+    return [
+        Check.below(
+            "single precision: nan, infinities, edges", wrong, 0, "answers", f"of {answers}"
+        ),
+        Check.below(
+            "single precision in closed loop: voltage",
+            math.inf if lost else volts,
+            span / VOLTAGE_STEPS,
+            "V",
+            "from double",
+        ),
+        Check.below(
+            "single precision in closed loop: gap",
+            math.inf if lost else 1e6 * metres,
+            1e6 * reach / GAP_STEPS,
+            "um",
+            "from double",
+        ),
+    ]

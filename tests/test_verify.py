@@ -1,0 +1,259 @@
+from __future__ import annotations
+
+import json
+import math
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from exported import needs
+
+from maglev_design.design import plant_beta
+from maglev_design.errors import InputError
+from maglev_design.export import Verdict, export_folder, verify_folder
+from maglev_design.export.behaviour import longest_delay
+from maglev_design.export.classes import class_samples, single, wrong_answers
+from maglev_design.export.controller import Controller, controller_of
+from maglev_design.export.folder import manifest_digest, sha256
+from maglev_design.export.loops import NewDevice, Run, close, fault_cases, fly
+from maglev_design.export.printing import printed
+from maglev_design.export.vectors import Recorder
+from maglev_design.record import DesignRecord
+from maglev_design.simulate import nominal_scenario
+
+SAME_TRACK = 1e-9
+"""[m] Runge-Kutta at half a period against DOP853, on a path of centimetres."""
+
+
+@pytest.fixture(scope="module")
+def controller(tuned_record: DesignRecord) -> Controller:
+    return controller_of(tuned_record, "maglev")
+
+
+@pytest.fixture(scope="module")
+def exported(tuned_record: DesignRecord, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("out")
+    for target in ("c", "python", "matlab"):
+        export_folder(tuned_record, target, place / target, allow_unverified=True)
+    return place
+
+
+@pytest.fixture
+def copies(exported: Path, tmp_path: Path) -> Path:
+    shutil.copytree(exported, tmp_path / "copy")
+    return tmp_path / "copy"
+
+
+def rehashed(folder: Path) -> None:
+    """Make the manifest fit, as somebody would who means to hide a change."""
+    manifest = json.loads((folder / "manifest.json").read_text("ascii"))
+    for name in manifest["files"]:
+        manifest["files"][name] = sha256((folder / name).read_bytes())
+    manifest["sha256"] = manifest_digest(manifest)
+    (folder / "manifest.json").write_text(json.dumps(manifest), "ascii")
+
+
+def python_printing(controller: Controller) -> NewDevice:
+    """Return the class that the Python export defines."""
+    space: dict[str, Any] = {"__name__": "maglev"}
+    exec(printed(controller, "python", 0)["maglev.py"], space)  # noqa: S102 - our own print
+    new: NewDevice = space["Controller"]
+    return new
+
+
+def failed(verdict: Verdict) -> set[str]:
+    return {check.name for check in verdict.checks if not check.passed}
+
+
+def test_exported_c_passes_every_check(exported: Path) -> None:
+    for tool in ("gcc", "clang", "cppcheck", "frama-c"):
+        needs(tool)
+    before = {path: path.read_bytes() for path in (exported / "c").iterdir()}
+    verdict = verify_folder(exported / "c")
+    assert failed(verdict) == set()
+    assert verdict.skipped == ()
+    assert verdict.ran == "c"
+    names = " | ".join(check.name for check in verdict.checks)
+    for word in ("gcc", "clang", "sanitizers", "MISRA", "proof", "Python", "nan", "in turns"):
+        assert word in names
+    for word in ("nominal", "noise", "beta_c = 1.15 beta", "late", "stuck", "delay", "single"):
+        assert word in names
+    assert {path: path.read_bytes() for path in (exported / "c").iterdir()} == before
+
+
+def test_exported_python_passes_every_check(exported: Path) -> None:
+    verdict = verify_folder(exported / "python")
+    assert failed(verdict) == set()
+    assert verdict.ran == "python"
+
+
+def test_exported_matlab_passes_every_check(exported: Path) -> None:
+    needs("octave-cli")
+    verdict = verify_folder(exported / "matlab")
+    assert failed(verdict) == set()
+    assert {check.name for check in verdict.checks} >= {"vectors, Octave"}
+
+
+@pytest.mark.parametrize("target", ["c", "python", "matlab"])
+def test_a_changed_byte_in_any_file_is_noticed_and_nothing_is_run(
+    copies: Path, target: str
+) -> None:
+    folder = copies / target
+    names = [p.name for p in folder.iterdir() if not p.name.startswith(".")]
+    for name in names:
+        if name == "manifest.json":
+            continue
+        kept = (folder / name).read_bytes()
+        (folder / name).write_bytes(kept[:-2] + b"~" + kept[-1:])
+        (check,) = verify_folder(folder).checks
+        assert not check.passed
+        assert name in check.note
+        (folder / name).unlink()
+        assert f"{name} (missing)" in verify_folder(folder).checks[0].note
+        (folder / name).write_bytes(kept)
+
+
+def test_a_changed_manifest_is_noticed(copies: Path) -> None:
+    path = copies / "c" / "manifest.json"
+    text = path.read_text("ascii")
+    path.write_text(text.replace('"hold_samples": ', '"hold_samples": 1'), "ascii")
+    (check,) = verify_folder(copies / "c").checks
+    assert not check.passed
+    assert "manifest.json" in check.note
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{}", '{"kind": "maglev-design export"}', "\x00"])
+def test_a_folder_that_is_no_export_is_refused(tmp_path: Path, content: str) -> None:
+    with pytest.raises(InputError, match=r"manifest\.json"):
+        verify_folder(tmp_path)
+    (tmp_path / "manifest.json").write_text(content)
+    with pytest.raises(InputError, match=r"manifest\.json"):
+        verify_folder(tmp_path)
+
+
+def test_a_manifest_cannot_name_files_outside_its_folder(copies: Path) -> None:
+    path = copies / "c" / "manifest.json"
+    manifest = json.loads(path.read_text("ascii"))
+    manifest["files"]["../python/maglev.py"] = "0"
+    manifest["sha256"] = manifest_digest(manifest)
+    path.write_text(json.dumps(manifest), "ascii")
+    with pytest.raises(InputError, match="damaged"):
+        verify_folder(copies / "c")
+
+
+def test_a_changed_law_is_found_by_running_it(copies: Path) -> None:
+    folder = copies / "python"
+    source = (folder / "maglev.py").read_text("ascii")
+    changed, count = re.subn(r"^d: Final = ", "d: Final = 1.0001 * ", source, flags=re.MULTILINE)
+    assert count == 1
+    (folder / "maglev.py").write_text(changed, "ascii")
+    rehashed(folder)
+    found = failed(verify_folder(folder))
+    assert {"vectors, Python", "closed loop, nominal", "nan, infinities, edges"} <= found
+
+
+def test_a_state_that_is_not_the_callers_own_is_found(copies: Path) -> None:
+    folder = copies / "python"
+    source = (folder / "maglev.py").read_text("ascii")
+    shared = source.replace(
+        "            self.unusable = 0\n            self.status = Status.OK\n",
+        "            self.unusable = 0\n            self.status = Status.OK\n"
+        "            seen.append(gap)\n            self.x1 += 1e-9 * (len(seen) % 2)\n",
+    ).replace("class Controller:", "seen: list[float] = []\n\n\nclass Controller:")
+    assert shared.count("seen") == 3
+    (folder / "maglev.py").write_text(shared, "ascii")
+    rehashed(folder)
+    assert "two controllers in turns" in failed(verify_folder(folder))
+
+
+def test_vectors_of_another_design_are_found(copies: Path) -> None:
+    path = copies / "python" / "vectors.csv"
+    lines = path.read_text("ascii").splitlines()
+    path.write_text("\n".join(lines[:-3]) + "\n", "ascii")
+    rehashed(copies / "python")
+    assert failed(verify_folder(copies / "python")) == {"vectors are those of the simulation"}
+
+
+def test_a_controller_that_passes_a_nan_on_is_found(controller: Controller) -> None:
+    class Naive(Recorder):
+        status = 0
+
+        def __init__(self) -> None:
+            super().__init__(controller)
+
+        def reset(self) -> None:
+            self.forget()
+
+        def step(self, gap: float, reference: float, acceleration: float) -> float:  # type: ignore[override]
+            return super().step(gap, reference, acceleration)[1] + 0.0 * gap
+
+    wrong, answers = wrong_answers(controller, Naive, exact=False)
+    assert 0 < wrong < answers
+
+
+def test_a_delay_that_the_loop_does_not_stand_is_not_promised(controller: Controller) -> None:
+    device = python_printing(controller)
+    margin = controller.record.document["margins"]["delay_s"]
+    assert longest_delay(controller, device, margin).passed
+    too_long = {**margin, "value": 1.25 * margin["value"]}
+    assert not longest_delay(controller, device, too_long).passed
+
+
+def test_every_class_of_number_is_tried(controller: Controller) -> None:
+    gaps = {sample[0] for sample in class_samples(controller) if not math.isnan(sample[0])}
+    n = controller.numbers
+    assert {math.inf, -math.inf, 0.0, n["gap_low"], n["gap_high"]} <= gaps
+    assert any(math.isnan(sample[2]) for sample in class_samples(controller))
+    assert single(1e300) == math.inf
+    assert single(0.1) != 0.1
+
+
+def test_the_quick_loop_is_the_independent_one(controller: Controller, exported: Path) -> None:
+    class Device(Recorder):
+        status = 0
+
+        def __init__(self) -> None:
+            super().__init__(controller)
+
+        def reset(self) -> None:
+            self.forget()
+
+        def step(self, gap: float, reference: float, acceleration: float) -> float:  # type: ignore[override]
+            return super().step(gap, reference, acceleration)[1]
+
+    rig = controller.record.rig
+    quick, slow = Run(Device()), Run(Device())
+    assert not fly(controller, quick)
+    assert not close(controller, slow, nominal_scenario(rig, plant_beta(rig))).crashed
+    assert len(quick.gaps) == len(slow.gaps) == 400
+    assert max(abs(a - b) for a, b in zip(quick.gaps, slow.gaps, strict=True)) < SAME_TRACK
+
+
+def test_faults_are_what_their_names_say(controller: Controller) -> None:
+    missed, lost, outside, stuck, late, delayed, worst = fault_cases(controller, 400)
+    seen = [missed.fault(k, 0.02, 0.03) for k in range(100)]
+    assert [k for k, gap in enumerate(seen) if math.isnan(gap)] == [49, 99]
+    struck = [k for k in range(400) if math.isnan(lost.fault(k, 0.02, 0.03))]
+    assert len(struck) == 10 * max(1, controller.hold_samples // 8)
+    assert all(outside.fault(k, 0.02, 0.03) > controller.numbers["gap_high"] for k in struck)
+    assert all(stuck.fault(k, 0.02, 0.03) == 0.03 for k in struck)
+    assert sum(late.late(k) for k in range(100)) == 10
+    assert all(delayed.late(k) and worst.late(k) for k in range(100))
+    assert worst.ratio == controller.record.document["margins"]["delay_s"]["ratio"] != 1.0
+
+
+def test_what_a_machine_without_tools_cannot_check_is_said(
+    exported: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    without_octave = verify_folder(exported / "matlab")
+    assert failed(without_octave) == set()
+    assert {why for _, why in without_octave.skipped} == {"octave is not installed"}
+    without_compiler = verify_folder(exported / "c")
+    assert failed(without_compiler) == {"a C compiler"}
+    assert without_compiler.ran == "python"
+    names = " ".join(why for _, why in without_compiler.skipped)
+    assert "cppcheck" in names
+    assert "frama-c" in names
