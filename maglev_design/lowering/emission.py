@@ -111,14 +111,15 @@ class _Builder:
             return self.add("neg", self.emit(-x))
         above = [f for f in _ordered(factors) if not _is_inverse(f)]
         below = [1 / f for f in _ordered(factors) if _is_inverse(f)]
-        if coefficient != 1:
+        if not above:
+            above = [sp.Integer(coefficient.p)]
+            below = ([sp.Integer(coefficient.q)] if coefficient.q != 1 else []) + below
+        elif coefficient != 1:
             above = [coefficient, *above]
-        if not below:
-            return self._fold("mul", above)
-        # a reciprocal and a product: in a loop the reciprocal of what stays is taken once
-        one = self.emit(sp.Integer(1))
-        inverse = self.add("div", one, self._fold("mul", below))
-        return self.add("mul", self._fold("mul", above), inverse) if above else inverse
+        # a quotient, and no product with a reciprocal: x/x is 1 to the last bit, so that a move
+        # ends at rest
+        numerator = self._fold("mul", above or [sp.Integer(1)])
+        return self.add("div", numerator, self._fold("mul", below)) if below else numerator
 
     def _power(self, base: Any, exponent: Any) -> int:
         if exponent.is_negative:

@@ -38,8 +38,13 @@ _FORMS: dict[int, str] = {
 }
 
 
-def printed(function: ca.Function, head: str, read: Callable[[int, int], str]) -> str:
+def printed(
+    function: ca.Function, head: str, read: Callable[[int, int], str], fixed: int | None = None
+) -> str:
     """Return an SX function as C, one statement an instruction.
+
+    A quotient by what stays during the run becomes a product with its reciprocal, which the
+    compiler takes out of the loop; it is rounded once more.
 
     Parameters
     ----------
@@ -48,8 +53,11 @@ def printed(function: ca.Function, head: str, read: Callable[[int, int], str]) -
         Its signature; outputs are ``out0``, ``out1``, ...
     read : callable
         (input, element) -> how it is written.
+    fixed : int, optional
+        Position of the input that stays during the run.
     """
     names: dict[int, str] = {}
+    stays: set[str] = set()
     made: dict[str, tuple[int, list[str]]] = {}
     lines: list[tuple[str, str]] = []
     for k in range(function.n_instructions()):
@@ -59,12 +67,19 @@ def printed(function: ca.Function, head: str, read: Callable[[int, int], str]) -
             lines.append(("", f"out{targets[0]}[{targets[1]}] = {names[sources[0]]};"))
             continue
         if kind == ca.OP_INPUT:
-            text = read(*sources)
+            text, constant = read(*sources), sources[0] == fixed
         elif kind == ca.OP_CONST:
             text = f"spread({_number(float(function.instruction_constant(k)))})"
+            constant = fixed is not None
         else:
-            made[name] = kind, [names[s] for s in sources]
-            text = _choice(made, name) or _FORMS[kind].format(*made[name][1])
+            operands = [names[s] for s in sources]
+            made[name] = kind, operands
+            text = _choice(made, name) or _FORMS[kind].format(*operands)
+            constant = stays.issuperset(operands)
+            if kind == ca.OP_DIV and not constant and operands[1] in stays:
+                text = f"{operands[0]} * (1.0 / {operands[1]})"
+        if constant:
+            stays.add(name)
         names[targets[0]] = name
         lines.append((name, f"const real {name} = {text};"))
     body = "\n    ".join(_needed(lines))
@@ -140,7 +155,7 @@ def source(loop: LoopGraph, lanes: int) -> str:
             defines,
             resource("lanes.h"),
             "static inline real spread(double x);",
-            printed(step, signature, of_step),
+            printed(step, signature, of_step, fixed=1),
             *_measures(width),
             _KEEP,
             resource("kernel.c"),
