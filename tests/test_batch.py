@@ -34,7 +34,7 @@ from maglev_design.simulate import (
     total_variation,
 )
 from maglev_design.simulate.batch import first_noise, summaries
-from maglev_design.simulate.response import parameter_vector, start_state
+from maglev_design.simulate.scenario import parameter_vector, start_state
 
 AGREE = 1e-10
 """Relative: what the package states for its two back ends."""

@@ -32,7 +32,7 @@ from maglev_design.simulate import (
     simulate,
 )
 from maglev_design.simulate.graph import COIL, step_program
-from maglev_design.simulate.response import parameter_vector, start_state
+from maglev_design.simulate.scenario import parameter_vector, start_state
 from maglev_design.symbolic.running import signals
 
 Array = NDArray[np.float64]

@@ -22,7 +22,7 @@ from maglev_design.design import PoleSpec, make_design, plant_beta
 from maglev_design.loop import Family, Loop, build_loop
 from maglev_design.parameters import Rig
 from maglev_design.simulate import Scenario, loop_for
-from maglev_design.simulate.response import parameter_vector
+from maglev_design.simulate.scenario import parameter_vector
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from maglev_design.export.controller import Controller
 from maglev_design.simulate import Scenario, resimulate
 from maglev_design.simulate.graph import contact_gap
 from maglev_design.simulate.independent import Check
-from maglev_design.simulate.response import held_voltage
+from maglev_design.simulate.scenario import held_voltage
 
 PIECES = 2
 """Runge-Kutta steps between two changes of the voltage."""

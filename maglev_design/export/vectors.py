@@ -15,7 +15,7 @@ from maglev_design.errors import VerificationError
 from maglev_design.export.controller import LARGEST_ACCELERATION, Controller
 from maglev_design.parameters import Rig, make_rig
 from maglev_design.simulate import Response, Scenario, loop_for, nominal_scenario, simulate
-from maglev_design.simulate.response import noise_samples
+from maglev_design.simulate.scenario import noise_samples
 
 MOST_ROWS = 8000
 """Samples of the path that are recorded: all of the paper's 7 s."""

@@ -12,15 +12,12 @@ from maglev_design.simulate.response import (
     Crash,
     Metrics,
     Response,
-    Scenario,
-    Tangent,
     error_bounds,
     loop_for,
-    mirrored,
-    nominal_scenario,
-    pole_tangent,
     simulate,
 )
+from maglev_design.simulate.scenario import Scenario, mirrored, nominal_scenario
+from maglev_design.simulate.tangents import Tangent, pole_tangent
 from maglev_design.simulate.transient import settling_time, total_variation, undershoot
 
 __all__ = [

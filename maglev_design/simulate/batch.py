@@ -20,18 +20,9 @@ from maglev_design.design import Design, reference_path
 from maglev_design.simulate import compiled
 from maglev_design.simulate.graph import LoopGraph
 from maglev_design.simulate.noise import POSITION_CHANNEL, standard_normals
-from maglev_design.simulate.response import (
-    PARTS,
-    Crash,
-    Metrics,
-    Response,
-    Scenario,
-    Tangent,
-    parameter_vector,
-    simulate,
-    start_state,
-    start_tangent,
-)
+from maglev_design.simulate.response import PARTS, Crash, Metrics, Response, simulate
+from maglev_design.simulate.scenario import Scenario, parameter_vector, start_state
+from maglev_design.simulate.tangents import Tangent, start_tangent
 from maglev_design.simulate.transient import total_variation
 
 Array = NDArray[np.float64]

@@ -24,7 +24,8 @@ from maglev_design.simulate.graph import (
     start_program,
     step_program,
 )
-from maglev_design.simulate.response import Array, Scenario, held_voltage, noise_samples
+from maglev_design.simulate.response import Array
+from maglev_design.simulate.scenario import Scenario, held_voltage, noise_samples
 
 SampledController = Callable[[Mapping[str, float]], tuple[float, float]]
 """From a sample (y, v, y_ref, v_ref, acc_ref) to the commanded and the applied voltage."""

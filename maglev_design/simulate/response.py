@@ -4,28 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
-from functools import cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design.choices import Controller, Method
 from maglev_design.design import (
     Design,
-    coefficient_inputs,
-    coefficients_program,
-    gain_names,
-    gains_program,
     reference_path,
 )
 from maglev_design.parameters import Rig
 from maglev_design.simulate import graph as graphs
-from maglev_design.simulate.noise import INPUT_CHANNEL, POSITION_CHANNEL, standard_normals
-
-if TYPE_CHECKING:
-    import casadi as ca
+from maglev_design.simulate.scenario import (
+    Scenario,
+    noise_samples,
+    parameter_vector,
+    start_state,
+)
+from maglev_design.simulate.tangents import Tangent, start_tangent
 
 Array = NDArray[np.float64]
 
@@ -33,47 +30,6 @@ PARTS = ("start", "move", "hold")
 """Of a run: before, during and after the move."""
 SAFETY = 2.0
 """Factor between the difference of two step sizes and the stated error bound (4th order: 16/15)."""
-
-
-@dataclass(frozen=True)
-class Scenario:
-    """What happens to one closed loop, beyond the rig and the controller.
-
-    Attributes
-    ----------
-    beta_plant : float
-        The plant's true beta [m^3/(s^2 V^2)].
-    initial_gap, initial_velocity : float
-        y(0) [m] and y'(0) [m/s].
-    noise : bool
-        Whether the rig's noise acts.
-    seed, index : int
-        Seed and scenario number of the noise stream.
-    gravity, gap_offset : float, optional
-        The plant's g [m/s^2] and y0 [m] where they are not the rig's, which the controller has.
-    input_noise, position_noise : float, optional
-        Standard deviations [V, m] where they are not the rig's.
-    """
-
-    beta_plant: float
-    initial_gap: float
-    initial_velocity: float = 0.0
-    noise: bool = False
-    seed: int = 0
-    index: int = 0
-    gravity: float | None = None
-    gap_offset: float | None = None
-    input_noise: float | None = None
-    position_noise: float | None = None
-
-    def deviations(self, rig: Rig) -> tuple[float, float]:
-        """Return the standard deviations of input and position noise [V, m], 0 without noise."""
-        if not self.noise:
-            return 0.0, 0.0
-        own = (self.input_noise, self.position_noise)
-        given = (rig.noise.input, rig.noise.position)
-        first, second = (g if o is None else o for o, g in zip(own, given, strict=True))
-        return first, second
 
 
 @dataclass(frozen=True)
@@ -156,103 +112,6 @@ class Response:
     gradients: Mapping[str, Array]
 
 
-def nominal_scenario(rig: Rig, beta_plant: float) -> Scenario:
-    """Return the rig's own start on a plant with `beta_plant`, without noise."""
-    return Scenario(beta_plant, rig.initial.gap, rig.initial.velocity)
-
-
-def mirrored(rig: Rig, scenario: Scenario) -> Scenario:
-    """Return the scenario with the initial error of the other sign."""
-    start = rig.reference.start_gap
-    return replace(scenario, initial_gap=2 * start - scenario.initial_gap)
-
-
-def parameter_vector(
-    loop: graphs.LoopGraph, design: Design, scenario: Scenario, *, clamped: bool = True
-) -> Array:
-    """Return the numbers of `loop.parameter_names` for one controller on one plant."""
-    rig = loop.rig
-    low, high = rig.limits.voltage if clamped else (-math.inf, math.inf)
-    values = {
-        "Y": design.Y,
-        "U": design.believed.U,
-        "u_min": low,
-        "u_max": high,
-        "C_U_hat": design.believed.C_U,
-        "C_Y_hat": design.believed.C_Y,
-        "beta_c": design.believed.beta,
-        **design.named_gains,
-        **design.coefficients,
-        "beta": scenario.beta_plant,
-        "g": rig.plant.gravity if scenario.gravity is None else scenario.gravity,
-        "y0": rig.plant.gap_offset if scenario.gap_offset is None else scenario.gap_offset,
-        "gap_low": graphs.contact_gap(rig),
-        "gap_high": rig.limits.gap[1],
-    }
-    return np.array([values[name] for name in loop.parameter_names], dtype=float)
-
-
-def start_state(
-    loop: graphs.LoopGraph, design: Design, scenario: Scenario, first_noise: float = 0.0
-) -> Array:
-    """Return the state at t = 0, SI units.
-
-    The controller's states are zero but for a bumpless start, which reads the first sample;
-    voltages that still act, and the emulated coil, are at the feedforward.
-    """
-    known = _first_sample(loop, design, scenario, first_noise)
-    held = held_voltage(loop.rig, design, known)
-    if loop.emulator is not None:
-        held = float(graphs.rounded(held, loop.emulator.actuator_step))
-    program = graphs.start_program(design.controller)
-    own = program.scalar()(*[known[name] for name in program.inputs])
-    values = {"y": scenario.initial_gap, "v": scenario.initial_velocity, "alive": 1.0}
-    values |= dict(zip(program.outputs, own, strict=True)) | {graphs.COIL: held}
-    return np.array([held if n.startswith("held") else values[n] for n in loop.state_names])
-
-
-def _first_sample(
-    loop: graphs.LoopGraph, design: Design, scenario: Scenario, first_noise: float
-) -> dict[str, float]:
-    """Return what a law can read before its first step, and its gains, by symbol name."""
-    y_ref, v_ref, acc_ref = loop.start
-    measured = scenario.initial_gap + first_noise
-    if loop.emulator is not None:
-        measured = float(graphs.rounded(measured, loop.emulator.sensor_step))
-    return {
-        "y": measured,
-        "v": scenario.initial_velocity,
-        "y_ref": y_ref,
-        "v_ref": v_ref,
-        "acc_ref": acc_ref,
-        "Y": design.Y,
-        **design.named_gains,
-    }
-
-
-def held_voltage(rig: Rig, design: Design, reference: Mapping[str, float]) -> float:
-    """Return the voltage [V] that acts before the first sample: the feedforward of the start."""
-    program = graphs.feedforward_program(design.method, design.controller)
-    low, high = rig.limits.voltage
-    known = {**reference, "U": design.believed.U, "u_min": low, "u_max": high}
-    known |= design.coefficients
-    (voltage,) = program.scalar()(*[known[name] for name in program.inputs])
-    return voltage
-
-
-def noise_samples(rig: Rig, scenario: Scenario, steps: int) -> Array:
-    """Return input and position noise, shape (2, steps) [V, m]; zeros without noise."""
-    if not scenario.noise:
-        return np.zeros((2, steps))
-    channels = (INPUT_CHANNEL, POSITION_CHANNEL)
-    return np.stack(
-        [
-            deviation * standard_normals(scenario.seed, scenario.index, channel, steps)
-            for channel, deviation in zip(channels, scenario.deviations(rig), strict=True)
-        ]
-    )
-
-
 def simulate(
     loop: graphs.LoopGraph,
     design: Design,
@@ -292,46 +151,6 @@ def simulate(
     states, voltages, track = (matrix.full() for matrix in outputs)
     history = np.concatenate([state[:, None], states], axis=1)
     return _response(loop, history, voltages, track)
-
-
-class Tangent(NamedTuple):
-    """Derivatives by chosen directions of the poles, one column each.
-
-    Attributes
-    ----------
-    parameters : array, shape (n_parameters, directions)
-        Of the loop's parameter vector.
-    gains : array, shape (n_gains, directions)
-        Of the law's gains.
-    """
-
-    parameters: Array
-    gains: Array
-
-
-@cache
-def _start_jacobian(controller: Controller) -> ca.Function:
-    """Return the derivative of the law's first states with respect to its gains."""
-    import casadi as ca  # noqa: PLC0415 - only for sensitivities
-
-    program = graphs.start_program(controller)
-    inputs = {name: ca.SX.sym(name) for name in program.inputs}
-    gains = ca.vertcat(*[inputs[name] for name in gain_names(controller)])
-    states = ca.vertcat(*program.casadi(*inputs.values()))
-    slopes = ca.jacobian(states, gains)
-    return ca.Function("start", list(inputs.values()), [slopes], list(inputs), ["slopes"])
-
-
-def start_tangent(
-    loop: graphs.LoopGraph, design: Design, scenario: Scenario, first_noise: float, gains: Array
-) -> Array:
-    """Return the derivative of the loop's first state, shape (n_states, directions)."""
-    known = _first_sample(loop, design, scenario, first_noise)
-    jacobian = _start_jacobian(design.controller)
-    rows = np.zeros((len(loop.state_names), gains.shape[1]))
-    own = [loop.state_names.index(name) for name in graphs.start_program(design.controller).outputs]
-    rows[own] = jacobian(*[known[name] for name in jacobian.name_in()]).full() @ gains
-    return rows
 
 
 def _response(loop: graphs.LoopGraph, history: Array, voltages: Array, track: Array) -> Response:
@@ -405,51 +224,6 @@ def _extreme_gradients(
         "min_gap": gap_tangent[:, int(np.argmin(gap))],
         "max_gap": gap_tangent[:, int(np.argmax(gap))],
     }
-
-
-@cache
-def _pole_jacobian(method: Method | None, controller: Controller) -> ca.Function:
-    """Return the derivatives of the controller's parameters and gains by the four pole values."""
-    import casadi as ca  # noqa: PLC0415 - only for sensitivities
-
-    poles = ca.SX.sym("poles", 4)
-    program = gains_program(controller)
-    gains = program.casadi(*ca.vertsplit(poles))
-    values = dict(zip(program.outputs, gains, strict=True))
-    fixed: dict[str, Any] = {}
-    if method is not None:
-        program = coefficients_program(method, controller)
-        fixed = {name: ca.SX.sym(name) for name in program.inputs if name not in values}
-        known = fixed | values
-        numbers = program.casadi(*[known[name] for name in program.inputs])
-        values |= dict(zip(program.outputs, numbers, strict=True))
-    names = (*graphs.controller_names(method, controller), *graphs.PLANT_NAMES)
-    moving = ca.vertcat(*[values.get(name, ca.SX(0)) for name in dict.fromkeys(names)])
-    return ca.Function(
-        "pole_jacobian",
-        [poles, *fixed.values()],
-        [ca.jacobian(moving, poles), ca.jacobian(ca.vertcat(*gains), poles)],
-        ["poles", *fixed],
-        ["slopes", "gains"],
-    )
-
-
-def pole_tangent(loop: graphs.LoopGraph, design: Design, directions: Array) -> Tangent:
-    """Return the derivatives of parameters and gains by the poles, times `directions`.
-
-    Parameters
-    ----------
-    directions : array, shape (4, d)
-        Columns in (zeta_1, omega_1, zeta_2, omega_2); [[1, 0], [0, 1], [1, 0], [0, 1]] for a
-        double pair.
-    """
-    function = _pole_jacobian(loop.method, loop.controller)
-    known = coefficient_inputs(loop.rig, design.believed)
-    fixed = [known[name] for name in function.name_in()[1:]]
-    slopes, gains = function(design.poles.values, *fixed)
-    # An unlimited voltage makes the integrator's bound infinite, and its slope, too.
-    rows = np.where(np.isfinite(slopes.full()), slopes.full(), 0.0)
-    return Tangent(rows @ directions, gains.full() @ directions)
 
 
 def error_bounds(

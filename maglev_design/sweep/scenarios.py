@@ -20,7 +20,7 @@ from maglev_design.errors import InputError
 from maglev_design.parameters import DRAWN, Rig
 from maglev_design.simulate import LoopGraph, Scenario, Summary, compiled, loop_for, simulate_batch
 from maglev_design.simulate.batch import first_noise
-from maglev_design.simulate.response import parameter_vector, start_state
+from maglev_design.simulate.scenario import parameter_vector, start_state
 from maglev_design.sweep.draws import draw, plant_betas
 from maglev_design.sweep.setup import Setup
 

@@ -24,7 +24,8 @@ from maglev_design.simulate import (
     simulate_batch,
 )
 from maglev_design.simulate.batch import first_noise, summaries
-from maglev_design.simulate.response import parameter_vector, start_state, start_tangent
+from maglev_design.simulate.scenario import parameter_vector, start_state
+from maglev_design.simulate.tangents import start_tangent
 
 Array = NDArray[np.float64]
 
