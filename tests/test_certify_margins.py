@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -99,13 +100,13 @@ def test_the_phase_margin_is_where_a_turned_loop_becomes_unstable(
 def test_an_unstable_loop_has_no_margins() -> None:
     late = rig_with(SHORT, {"sampling.delay": 0.02})
     found = sampled_margins(loop_of(late, "tustin"), POLES, loops.family(late, 0.0))
-    values: list[Any] = [entry["value"] for entry in found.as_dict().values()]
+    values: list[Any] = [entry["value"] for entry in asdict(found).values()]
     assert len(values) == 7
     assert all(math.isnan(value) for value in values)
 
 
 def test_the_worst_point_is_of_the_family(margins: Margins) -> None:
     over = loops.family(RIG, 0.1)
-    for entry in margins.as_dict().values():
+    for entry in asdict(margins).values():
         assert over.gaps[0] <= entry["gap"] <= over.gaps[1]
         assert over.ratios[0] <= entry["ratio"] <= over.ratios[1]

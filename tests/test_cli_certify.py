@@ -13,7 +13,7 @@ from maglev_design.cli import app, certify_verb
 from maglev_design.cli.certify_verb import Request
 from maglev_design.errors import InputError
 
-LOOP = {"ms", "mt", "gain_up", "gain_down", "phase_deg", "delay_s", "disk"}
+LOOP = {"ms", "mt", "gain", "gain_up", "gain_down", "phase_deg", "delay_s", "disk"}
 
 
 def request(**changes: Any) -> Request:

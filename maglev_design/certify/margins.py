@@ -78,8 +78,8 @@ class Margins:
     disk: Margin
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the margins for JSON."""
-        return asdict(self)
+        """Return the margins for JSON; ``gain`` holds both sides, down and up."""
+        return asdict(self) | {"gain": [self.gain_down.value, self.gain_up.value]}
 
 
 LARGEST_IS_WORST = {"ms", "mt", "gain_down"}
