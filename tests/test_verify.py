@@ -68,7 +68,7 @@ def failed(verdict: Verdict) -> set[str]:
 
 
 def test_exported_c_passes_every_check(exported: Path) -> None:
-    for tool in ("gcc", "clang", "cppcheck", "frama-c"):
+    for tool in ("gcc", "clang", "cppcheck", "frama-c", "arm-none-eabi-gcc", "qemu-system-arm"):
         needs(tool)
     before = {path: path.read_bytes() for path in (exported / "c").iterdir()}
     verdict = verify_folder(exported / "c")
@@ -77,6 +77,8 @@ def test_exported_c_passes_every_check(exported: Path) -> None:
     assert verdict.ran == "c"
     names = " | ".join(check.name for check in verdict.checks)
     for word in ("gcc", "clang", "sanitizers", "MISRA", "proof", "Python", "nan", "in turns"):
+        assert word in names
+    for word in ("Cortex-M4, double: vectors", "Cortex-M4, single: vectors", "a step", "RAM"):
         assert word in names
     for word in ("nominal", "noise", "beta_c = 1.15 beta", "late", "stuck", "delay", "single"):
         assert word in names

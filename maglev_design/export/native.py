@@ -25,6 +25,8 @@ WARNINGS = (
 )
 OPTIMISED = ("-O2", "-ffp-contract=off")
 SANITIZED = ("-O1", "-g", "-ffp-contract=off", "-fsanitize=address,undefined")
+CORTEX_M4 = ("-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard")
+"""Its floating-point unit is single; double precision is computed in software."""
 LONGEST_BUILD = 120
 """[s] Before a compiler, or a program that it made, is given up."""
 

@@ -11,6 +11,7 @@ from maglev_design import __version__
 from maglev_design.choices import Target
 from maglev_design.export.controller import OUTPUTS, SIGNALS, STATES, Controller, doubts
 from maglev_design.export.misra import DEVIATIONS
+from maglev_design.export.native import CORTEX_M4
 from maglev_design.export.text import plain, wrapped
 from maglev_design.lowering import Program
 
@@ -40,10 +41,10 @@ def printed(controller: Controller, target: Target, rows: int) -> dict[str, byte
     """Return the sources and the README of an export whose vectors have so many `rows`."""
     context = _context(controller, target, rows)
     files = {
-        _file_name(template, controller.prefix, target): _render(f"{target}/{template}.j2", context)
+        _file_name(template, controller.prefix, target): render(f"{target}/{template}.j2", context)
         for template in TEMPLATES[target]
     }
-    files["README.md"] = _render(f"{target}/README.md.j2", context)
+    files["README.md"] = render(f"{target}/README.md.j2", context)
     return {name: text.encode("ascii") for name, text in files.items()}
 
 
@@ -125,6 +126,7 @@ def _context(controller: Controller, target: Target, rows: int) -> dict[str, Any
         "rows": rows,
         "check_command": _CHECKS[target].format(controller.prefix),
         "deviations": DEVIATIONS,
+        "cortex_m4": " ".join(CORTEX_M4),
     }
 
 
@@ -216,7 +218,8 @@ def _code(program: Program, target: Target, source: str, indent: int) -> str:
     return textwrap.indent("\n".join(lines), " " * indent)
 
 
-def _render(name: str, context: Mapping[str, Any]) -> str:
+def render(name: str, context: Mapping[str, Any]) -> str:
+    """Return a template of this package, filled; a name that it lacks is an error."""
     import jinja2  # noqa: PLC0415 - heavy, and only an export needs it
 
     environment = jinja2.Environment(

@@ -21,6 +21,7 @@ from maglev_design.export.behaviour import (
     single_precision,
 )
 from maglev_design.export.controller import Controller, controller_of, doubts
+from maglev_design.export.cortex import on_cortex_m4
 from maglev_design.export.folder import manifest_digest, read_manifest, sha256
 from maglev_design.export.loops import NewDevice
 from maglev_design.export.misra import DEVIATIONS
@@ -112,13 +113,15 @@ def _replayed(name: str, command: list[str], work: Path) -> Check:
 
 
 def _c(controller: Controller, work: Path) -> Part:
-    """Build and run the C while the tools that only read it do so."""
+    """Build and run the C, here and on a Cortex-M4, while the tools that only read it do so."""
     prefix = controller.prefix
-    with ThreadPoolExecutor(1) as pool:
-        reading = pool.submit(_analysed, prefix, work)
-        built = _built(prefix, work)
-        read = reading.result()
-    checks, skipped = built.checks + read.checks, built.skipped + read.skipped
+    with ThreadPoolExecutor(2) as pool:
+        others = [pool.submit(_analysed, prefix, work)]
+        if compilers():
+            others.insert(0, pool.submit(on_cortex_m4, controller, compilers()[0], work))
+        parts = [_built(prefix, work), *(part.result() for part in others)]
+    checks = tuple(check for part in parts for check in part.checks)
+    skipped = tuple(reason for part in parts for reason in part.skipped)
     if not compilers() or any(not check.passed for check in checks):
         return Part(checks, skipped)
     library = load_library(compilers()[0], work, prefix, work / "double.so")
