@@ -84,10 +84,15 @@ def save_figure(figure: Figure, path: Path) -> Path:
     suffix = path.suffix.lower()
     if suffix not in METADATA:
         raise InputError(f"{path}: a plot must end in {', '.join(METADATA)}")
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format=suffix[1:], metadata=METADATA[suffix])
-    write_bytes(path, buffer.getvalue())
+    write_bytes(path, figure_bytes(figure, suffix))
     return path
+
+
+def figure_bytes(figure: Figure, ending: str) -> bytes:
+    """Return `figure` in the format of an ending of :data:`METADATA`."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=ending[1:], metadata=METADATA[ending])
+    return buffer.getvalue()
 
 
 def _axes(height: float = 3.0) -> tuple[Figure, Any]:
@@ -138,7 +143,12 @@ def error(curves: Curves, document: Mapping[str, Any]) -> Figure:
 
 def _start(t: NDArray[np.float64], document: Mapping[str, Any]) -> NDArray[np.bool_]:
     """Return the instants of the initial transient."""
-    return np.asarray(t <= max(0.2, 20 * document["rig"]["sampling"]["period"]))
+    return np.asarray(t <= start_of(document))
+
+
+def start_of(document: Mapping[str, Any]) -> float:
+    """Return how long the initial transient is shown [s]."""
+    return max(0.2, 20 * float(document["rig"]["sampling"]["period"]))
 
 
 def voltage(curves: Curves, document: Mapping[str, Any]) -> Figure:
@@ -265,14 +275,16 @@ def response_figure(curves: Curves, title: str) -> Figure:
     return figure
 
 
+DRAWINGS = {"tracking": tracking, "error": error, "voltage": voltage, "landscape": landscape}
+"""The figures of a design by the names of their files."""
+
+
 def design_figures(curves: Curves, document: Mapping[str, Any], folder: Path) -> tuple[Path, ...]:
     """Write every figure of a design record into `folder`; return the paths."""
-    drawings = {"tracking": tracking, "error": error, "voltage": voltage}
-    if "landscape_objective" in curves:
-        drawings["landscape"] = landscape
+    names = [name for name in DRAWINGS if name != "landscape" or "landscape_objective" in curves]
     written: list[Path] = []
     with house_style():
-        for name, draw in drawings.items():
-            figure = draw(curves, document)
+        for name in names:
+            figure = DRAWINGS[name](curves, document)
             written += [save_figure(figure, folder / f"{name}{end}") for end in (".png", ".svg")]
     return tuple(written)
