@@ -23,7 +23,7 @@ from maglev_design.report.content import (
     Strong,
     Table,
 )
-from maglev_design.report.derivation_steps import ROUTH, Derivation
+from maglev_design.report.derivation_steps import Derivation
 from maglev_design.report.words import unit_latex
 
 RATIO = Maths(r"\beta_c/\beta")
@@ -85,22 +85,33 @@ def reading_chapter(record: DesignRecord) -> Section:
 def routh_chapter(record: DesignRecord, derivation: Derivation) -> Section:
     """Return the Routh array in letters, and its first column in numbers."""
     columns = max(len(entries) for _, entries in derivation.routh)
-    body = r" \\[2pt] ".join(
-        " & ".join((power, *entries, *[""] * (columns - len(entries))))
-        for power, entries in derivation.routh
+    letters = Table(
+        "routh-letters",
+        ("The Routh array. Each entry below the first two rows is made of the two rows above it.",),
+        (("power",), *((f"column {n}",) for n in range(1, columns + 1))),
+        tuple(
+            (
+                (Maths(power),),
+                *((Maths(rf"\displaystyle {entry}"),) for entry in entries),
+                *[("",)] * (columns - len(entries)),
+            )
+            for power, entries in derivation.routh
+        ),
+        DERIVE,
+        "l" * (columns + 1),
     )
-    array = rf"\begin{{array}}{{c|{'c' * columns}}} {body} \end{{array}}"
     told: Runs = (
         "The continuous loop has the polynomial ",
         Maths("p(s) = s^4 + a_3 s^3 + a_2 s^2 + a_1 s + a_0"),
         ", its coefficients at any gap as in ",
         Link("A7-routh"),
-        ". All roots lie left of zero if and only if the first column of its Routh array is "
-        "positive:",
+        ". All roots lie left of zero if and only if the first column of its Routh array, ",
+        Link("routh-letters"),
+        ", is positive; ",
+        Link("routh"),
+        " has the numbers.",
     )
-    return Section(
-        "Routh array", (Paragraph(told), Formula((("", array),), ROUTH), _routh_table(record)), 2
-    )
+    return Section("Routh array", (Paragraph(told), letters, _routh_table(record)), 2)
 
 
 def _routh_table(record: DesignRecord) -> Table:

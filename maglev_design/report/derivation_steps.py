@@ -14,8 +14,6 @@ from maglev_design.programs import fingerprint
 from maglev_design.store import digest, kept, sources
 
 HERE = Path(__file__).parent
-ROUTH = "A7-array"
-"""Tag of the Routh array of the polynomial in (A7-routh)."""
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import re
 import unicodedata
 
 _MARKDOWN_SPECIAL = re.compile(r"([\\`*_{}\[\]<>#|$~^&!])")
-_MARKDOWN_MARK = re.compile(r"^(\s*)([-+=]|\d+[.)])")
+_MARKDOWN_MARK = re.compile(r"^(\s*\d*)([-+=.)])(?=[\s=-]|$)")
 
 _LATEX_SPECIAL = {
     "\\": r"\textbackslash{}",

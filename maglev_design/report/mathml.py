@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from functools import cache
 
@@ -14,7 +13,6 @@ _REWRITTEN = (
     (r"\rvert", "|"),
 )
 """What the converter does not know, and what it knows it by."""
-_ROW = re.compile(r"<mrow>(.*)</mrow></math>$", re.DOTALL)
 
 
 @cache
@@ -24,17 +22,23 @@ def inline(latex: str) -> str:
 
 
 def displayed(rows: Sequence[tuple[str, str]]) -> str:
-    """Return a displayed formula; rows are aligned where their two sides meet."""
+    """Return a displayed formula; rows are aligned where their two sides meet.
+
+    The rows stand in a table of the page: browsers align no cells of MathML's own.
+    """
     if len(rows) == 1:
         return _converted(" ".join(rows[0]), "block")
-    cells = "".join(
-        f'<mtr><mtd class="left">{_inner(left)}</mtd><mtd class="right">{_inner(right)}</mtd></mtr>'
-        for left, right in rows
-    )
-    return (
-        '<math xmlns="http://www.w3.org/1998/Math/MathML" display="block">'
-        f'<mtable displaystyle="true">{cells}</mtable></math>'
-    )
+    sides = (f"<td>{_side(left)}</td><td>{_side(right)}</td>" for left, right in rows)
+    body = "".join(f"<tr>{pair}</tr>" for pair in sides)
+    return f'<table class="rows" role="presentation">{body}</table>'
+
+
+def _side(latex: str) -> str:
+    """Return one side as a line of text holds it, but as large as when displayed."""
+    if not latex:
+        return ""
+    large = _converted(latex, "block")
+    return large.replace(' display="block"', ' display="inline" displaystyle="true"', 1)
 
 
 def _converted(latex: str, display: str) -> str:
@@ -43,8 +47,3 @@ def _converted(latex: str, display: str) -> str:
     for known, replacement in _REWRITTEN:
         latex = latex.replace(known, replacement)
     return str(convert(latex, display=display))
-
-
-def _inner(latex: str) -> str:
-    found = _ROW.search(_converted(latex, "block")) if latex else None
-    return f"<mrow>{found[1]}</mrow>" if found else ""

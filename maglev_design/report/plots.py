@@ -11,10 +11,12 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.font_manager import findfont, get_font
 from numpy.typing import NDArray
 
 from maglev_design.errors import InputError
 from maglev_design.files import write_bytes
+from maglev_design.report.escape import one_line
 
 Curves = Mapping[str, NDArray[np.float64]]
 
@@ -101,8 +103,10 @@ def _axes(height: float = 3.0) -> tuple[Figure, Any]:
 
 
 def literal(text: str) -> str:
-    """Return `text` so that matplotlib does not take a dollar sign in it for mathematics."""
-    return text.replace("$", r"\$")
+    """Return `text` in one line, without mathematics, and with no sign that the font lacks."""
+    font = get_font(findfont(STYLE["font.family"]))
+    drawn = (c if font.get_char_index(ord(c)) else "\ufffd" for c in one_line(text))
+    return "".join(drawn).replace("$", r"\$")
 
 
 def tracking(curves: Curves, document: Mapping[str, Any]) -> Figure:
