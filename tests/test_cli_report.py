@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from maglev_design.cli import app
 from maglev_design.files import MARK
 from maglev_design.record import save
+from maglev_design.report.pdf_form import tool
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +31,7 @@ def test_all_forms_are_written_and_named(design: Path, tmp_path: Path) -> None:
     named = {Path(name).relative_to(out).as_posix() for name in document["files"]}
     there = {p.relative_to(out).as_posix() for p in out.rglob("*") if p.is_file()}
     assert named == there - {MARK}
-    pdf = {"report.pdf"} if shutil.which("pdflatex") else set()
+    pdf = {"report.pdf"} if tool() else set()
     assert {"report.md", "report.tex", "report.html"} | pdf <= named
 
 
@@ -78,6 +79,7 @@ def test_pdf_without_a_tool_names_the_tool(
     design: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("shutil.which", lambda _name: None)
+    monkeypatch.setattr("maglev_design.report.pdf_form.find_spec", lambda _name: None)
     out = str(tmp_path / "out")
     assert "texlive-latex-base" in refused("report", str(design), "--format", "pdf", "-o", out)
     done = CliRunner().invoke(app, ["report", str(design), "-o", out])

@@ -268,3 +268,23 @@ def test_the_pdf_has_the_same_bytes_twice(record: DesignRecord, tmp_path: Path) 
     assert made[0].startswith(b"%PDF")
     assert b"CreationDate" not in made[0]
     assert str(tmp_path).encode() not in made[0]
+
+
+@pytest.mark.parametrize("name", ["record", "hostile"])
+def test_without_tex_the_wheels_make_the_pdf(
+    name: str, request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("pypandoc")
+    pytest.importorskip("typst")
+    which = shutil.which
+    monkeypatch.setattr(
+        "shutil.which", lambda n, *a, **k: None if "tex" in n else which(n, *a, **k)
+    )
+    made = []
+    for folder in (tmp_path / "one", tmp_path / "another"):
+        folder.mkdir()
+        (path,) = write_report(request.getfixturevalue(name), folder, ["pdf"])
+        made.append(path.read_bytes())
+    assert made[0] == made[1]
+    assert made[0].startswith(b"%PDF")
+    assert str(tmp_path).encode() not in made[0]

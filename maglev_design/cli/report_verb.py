@@ -24,9 +24,9 @@ def report(
     """Read a design record, write its report, name the files."""
     record = load(design)
     forms: tuple[Form, ...] = FORMS if form == "all" else (form,)
-    if form == "all" and not pdf_form.available():
+    if form == "all" and pdf_form.tool() is None:
         forms = tuple(f for f in forms if f != "pdf")
-        warn("no PDF: pdflatex is not installed")
+        warn("no PDF: neither pdflatex nor the extra [pdf] is installed")
     folder = output_folder(output, force=force)
     with progress_bar() as progress:
         progress("report", 0.0)

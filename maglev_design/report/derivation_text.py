@@ -14,7 +14,7 @@ import sympy as sp
 from sympy import Expr, Symbol
 
 from maglev_design.errors import InputError
-from maglev_design.report.escape import latex_text, markdown_text
+from maglev_design.report.escape import latex_text, markdown_maths, markdown_text
 from maglev_design.report.words import unit_latex
 from maglev_design.symbolic.derivation_terms import Equation, Line
 from maglev_design.symbolic.plant import Entry
@@ -235,7 +235,7 @@ def _markdown(equations: Sequence[Equation], symbols: Sequence[Entry]) -> str:
     for section, members in groupby(equations, key=lambda equation: equation.section):
         out += [f"## {markdown_text(section)}", ""]
         for equation in members:
-            formula = _markdown_maths(equation_latex(equation, symbols))
+            formula = markdown_maths(equation_latex(equation, symbols))
             out += [
                 f"### ({markdown_text(equation.id)}) {markdown_text(equation.title)}",
                 "",
@@ -250,16 +250,11 @@ def _markdown(equations: Sequence[Equation], symbols: Sequence[Entry]) -> str:
             ]
     out += ["## Symbols", "", "| symbol | unit | meaning |", "| --- | --- | --- |"]
     out += [
-        f"| ${_markdown_maths(entry.latex)}$ | {_markdown_unit(entry.unit)} "
+        f"| ${markdown_maths(entry.latex)}$ | {_markdown_unit(entry.unit)} "
         f"| {markdown_text(entry.meaning)} |"
         for entry in symbols
     ]
     return "\n".join(out) + "\n"
-
-
-def _markdown_maths(latex: str) -> str:
-    # GitHub reads emphasis before maths: a bare star or "_" after a bracket could be taken for it
-    return latex.replace("*", r"\ast ")
 
 
 def _markdown_unit(unit: str) -> str:

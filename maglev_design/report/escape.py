@@ -134,3 +134,16 @@ def markdown_code(text: str) -> str:
     fence = "`" * (longest + 1)
     pad = " " if text.startswith("`") or text.endswith("`") else ""
     return f"{fence}{pad}{text}{pad}{fence}"
+
+
+def markdown_maths(latex: str) -> str:
+    r"""Return a formula so that a code host does not take a part of it for emphasis.
+
+    It reads emphasis before maths, and no maths where a space stands before the closing dollar.
+
+    Examples
+    --------
+    >>> markdown_maths("y^*")
+    'y^{\\ast}'
+    """
+    return latex.replace("*", r"{\ast}")

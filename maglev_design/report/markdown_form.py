@@ -22,14 +22,20 @@ from maglev_design.report.content import (
     Table,
 )
 from maglev_design.report.derivation_text import aligned
-from maglev_design.report.escape import markdown_code, markdown_text, one_line
+from maglev_design.report.escape import markdown_code, markdown_maths, markdown_text, one_line
 from maglev_design.report.words import number_text
 
 PAGE = "report.html"
 _RULES = {"l": "---", "r": "---:", "p": "---"}
 
 
-def markdown(report: Report, figures: str) -> str:
+HOST_TAG = r" \tag{%s}"
+"""How a formula is numbered where MathJax reads it."""
+PLAIN_TAG = r" \qquad \text{(%s)}"
+"""The same for pandoc, which knows no tags."""
+
+
+def markdown(report: Report, figures: str, tag: str = HOST_TAG) -> str:
     """Return the report as one markdown document.
 
     Parameters
@@ -37,27 +43,29 @@ def markdown(report: Report, figures: str) -> str:
     report : Report
     figures : str
         Folder of the figures, relative to the document.
+    tag : str
+        LaTeX behind a numbered formula, ``%s`` its number.
     """
     lines = [f"# {_text(report.title)}", "", _text(report.subtitle), ""]
     for section in report.sections:
         lines += [f"{'#' * (section.depth + 1)} {_text(section.title)}", ""]
-        lines += _blocks(report, section, figures)
+        lines += _blocks(report, section, figures, tag)
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _blocks(report: Report, section: Section, figures: str) -> list[str]:
-    return [line for block in section.blocks for line in (*_block(report, block, figures), "")]
+def _blocks(report: Report, section: Section, figures: str, tag: str) -> list[str]:
+    return [line for block in section.blocks for line in (*_block(report, block, figures, tag), "")]
 
 
-def _block(report: Report, block: Block, figures: str) -> list[str]:  # noqa: PLR0911 - one a kind
+def _block(report: Report, block: Block, figures: str, tag: str) -> list[str]:  # noqa: PLR0911 - one a kind
     match block:
         case Paragraph(runs):
             return [_runs(report, runs)]
         case Bullets(items):
             return [f"- {_runs(report, item)}" for item in items]
-        case Formula(rows, tag):
-            tagged = rf" \tag{{{tag}}}" if tag else ""
-            return ["$$", _maths(aligned(rows)) + tagged, "$$"]
+        case Formula(rows, number):
+            tagged = tag % number if number else ""
+            return ["$$", markdown_maths(aligned(rows)) + tagged, "$$"]
         case Table():
             return _table(report, block)
         case Figure(name, caption, command):
@@ -97,7 +105,7 @@ def _runs(report: Report, runs: Runs) -> str:
 def _inline(report: Report, run: Inline) -> str:
     match run:
         case Maths(latex):
-            return f"${_maths(latex)}$"
+            return f"${markdown_maths(latex)}$"
         case Code(text):
             return markdown_code(one_line(text))
         case Strong(text):
@@ -117,8 +125,3 @@ def _spaced(text: str) -> str:
     """Return text in one line, with a space at its ends where it had one."""
     before, after = text[:1].isspace(), text[-1:].isspace() and bool(text.strip())
     return " " * before + _text(text) + " " * after
-
-
-def _maths(latex: str) -> str:
-    # a code host reads emphasis before maths: a bare star could be taken for it
-    return latex.replace("*", r"\ast ")

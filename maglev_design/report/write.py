@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -12,7 +12,7 @@ from maglev_design.record import DesignRecord
 from maglev_design.report import chapters_result as results
 from maglev_design.report import chapters_rig as givens
 from maglev_design.report import chapters_theory as theory
-from maglev_design.report import plots
+from maglev_design.report import pdf_form, plots
 from maglev_design.report.content import Explorer, Paragraph, Report, Section
 from maglev_design.report.derivation_steps import derivation_steps
 from maglev_design.report.diagram import block_diagram
@@ -20,13 +20,15 @@ from maglev_design.report.escape import one_line
 from maglev_design.report.explorer import explorer_data, javascript, programs_of
 from maglev_design.report.html_form import html
 from maglev_design.report.latex_form import latex
-from maglev_design.report.markdown_form import markdown
+from maglev_design.report.markdown_form import PLAIN_TAG, markdown
 
 Form = Literal["markdown", "latex", "html", "pdf"]
 FORMS: tuple[Form, ...] = get_args(Form)
 FOLDER = "figures"
 PICTURES: Mapping[Form, str] = {"markdown": ".svg", "latex": ".pdf", "html": ".svg"}
 """Ending of the figures that a form shows."""
+TOOL_PICTURES: Mapping[pdf_form.Tool, str] = {"tex": ".pdf", "typst": ".svg"}
+"""The same for the tools that make PDF."""
 
 
 def report_of(record: DesignRecord) -> Report:
@@ -92,31 +94,30 @@ def write_report(record: DesignRecord, folder: Path, forms: Iterable[Form]) -> t
         For ``pdf`` where no tool for it is present.
     """
     wanted = set(forms)
+    tool = pdf_form.required_tool() if "pdf" in wanted else None
     report = report_of(record)
-    latex_too: set[Form] = {"latex"} if "pdf" in wanted else set()
-    sourced = wanted | latex_too
-    endings = sorted({PICTURES[form] for form in sourced if form in PICTURES})
-    drawn = pictures(record, report, endings)
-    files: dict[str, bytes] = {}
+    endings = {PICTURES[form] for form in wanted if form in PICTURES}
+    endings |= {TOOL_PICTURES[tool]} if tool else set()
+    drawn = pictures(record, report, sorted(endings))
     beside = {PICTURES[form] for form in wanted if form in ("markdown", "latex")}
-    files |= {
-        f"{FOLDER}/{name}": content
-        for name, content in drawn.items()
-        if Path(name).suffix in beside
-    }
-    source = latex(report, FOLDER) if "latex" in sourced else ""
+
+    def placed(kinds: Collection[str]) -> dict[str, bytes]:
+        chosen = {name: content for name, content in drawn.items() if name.endswith(tuple(kinds))}
+        return {f"{FOLDER}/{name}": content for name, content in chosen.items()}
+
+    files = placed(beside) if beside else {}
     if "markdown" in wanted:
         files["report.md"] = markdown(report, FOLDER).encode()
     if "latex" in wanted:
-        files["report.tex"] = source.encode()
+        files["report.tex"] = latex(report, FOLDER).encode()
     if "html" in wanted:
         svg = {f.id: drawn[f"{f.id}.svg"] for f in report.figures()}
         files["report.html"] = html(report, svg).encode()
-    if "pdf" in wanted:
-        from maglev_design.report.pdf_form import pdf  # noqa: PLC0415 - starts other programs
-
-        printed = {f"{FOLDER}/{n}": c for n, c in drawn.items() if n.endswith(".pdf")}
-        files["report.pdf"] = pdf(source, printed)
+    if tool == "tex":
+        files["report.pdf"] = pdf_form.from_latex(latex(report, FOLDER), placed([".pdf"]))
+    elif tool == "typst":
+        text = markdown(report, FOLDER, PLAIN_TAG)
+        files["report.pdf"] = pdf_form.from_markdown(text, placed([".svg"]))
     written = []
     for name, content in files.items():
         path = folder / name
