@@ -12,11 +12,13 @@ import sys
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
 import pytest
 import sympy as sp
+from browser import node
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sympy import Expr
@@ -30,7 +32,7 @@ Values = Sequence[float]
 Back = Callable[..., Sequence[float]]
 
 a, b, c = SYMBOLS = sp.symbols("a b c", real=True)
-LANGUAGES: tuple[Language, ...] = ("python", "c", "matlab")
+LANGUAGES: tuple[Language, ...] = ("python", "c", "matlab", "javascript")
 
 ROUNDING = 1e-11
 """Relative to the sum of the magnitudes of what is added: a few hundred operations at 1.1e-16."""
@@ -253,6 +255,52 @@ def test_the_metrics_and_the_gains_give_the_same_bits_everywhere(
             assert all(bits(back(*values)) == bits(scalar(*values)) for back in backs)
 
 
+def through_javascript(programs: Sequence[Program], points: Sequence[Sequence[Values]]) -> Any:
+    """Return the outputs of every program at its own points, all from one run of Node."""
+    functions = [
+        f"({', '.join(program.inputs)}) => {{\n"
+        + "\n".join(program.source("javascript"))
+        + f"\nreturn [{', '.join(program.outputs)}];\n}}"
+        for program in programs
+    ]
+    lists = [[[float(x) for x in point] for point in group] for group in points]
+    return node(
+        f"const run = [{', '.join(functions)}];\nconst points = {lists!r};\n"
+        "answer(run.map((f, n) => points[n].map((point) => f(...point))));"
+    )
+
+
+def test_a_page_gives_the_same_bits() -> None:
+    random = np.random.default_rng(14)
+    programs = [
+        lower(SYMBOLS, {"first": EVERYTHING["first"], "root": sp.sqrt(sp.Abs(a)) / (1 + b**7)}),
+        lower(SYMBOLS, {"inside": sp.Piecewise((a, sp.Or(a < b, b <= c)), (sp.Max(b, c), True))}),
+        *[step_program(method) for method in METHODS],
+        metrics_program(),
+        designs.gains_program(),
+        designs.reference_program(),
+    ]
+    points = [random.uniform(0.01, 2.0, size=(100, len(x.inputs))).tolist() for x in programs]
+    for program, group, found in zip(
+        programs, points, through_javascript(programs, points), strict=True
+    ):
+        scalar = program.scalar()
+        for point, values in zip(group, found, strict=True):
+            expected = [x + 0.0 for x in scalar(*point)]  # JSON has no negative zero
+            assert bits(values) == bits(expected)
+
+
+def test_library_functions_of_a_page_agree_to_the_last_place() -> None:
+    functions = (sp.exp, sp.sinh, sp.cosh, sp.sin, sp.cos)
+    programs = [lower([a], {"out": function(a)}) for function in functions]
+    where = [[float(x)] for x in np.linspace(-3, 3, 101)]
+    for function, found in zip(
+        functions, through_javascript(programs, [where] * len(functions)), strict=True
+    ):
+        expected = [getattr(math, function.__name__)(x) for (x,) in where]
+        assert np.ravel(found) == pytest.approx(expected, rel=LIBRARY, abs=LIBRARY)
+
+
 @pytest.mark.parametrize("function", [sp.exp, sp.sinh, sp.cosh, sp.sin, sp.cos])
 def test_library_functions_agree_to_the_last_place(
     compile_c: Callable[[Program], Back], function: Callable[[Expr], Expr]
@@ -285,7 +333,7 @@ for law in SOME:
         programs += [graph.step_program(method, law), graph.feedforward_program(method, law),
             d.coefficients_program(method, law), program("pulse_law", method, law)]
 for one in programs:
-    for language in ("python", "c", "matlab"):
+    for language in ("python", "c", "matlab", "javascript"):
         print("\\n".join(one.source(language)))
 """
 
@@ -435,7 +483,7 @@ def test_powers_are_products(power: int) -> None:
 
 def number_in(language: Language, value: Expr) -> float:
     (line,) = lower([], {"out": value}).source(language)
-    text = line.removeprefix("out = ").removesuffix(";")
+    text = line.removeprefix("const ").removeprefix("out = ").removesuffix(";")
     return float(text.removeprefix("(").removesuffix(")"))
 
 

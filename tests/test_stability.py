@@ -242,6 +242,32 @@ def test_a_condition_that_vanishes_is_no_stable_verdict(coefficients: tuple[int,
     assert not all(condition > 0 for condition in conditions)
 
 
+@pytest.mark.parametrize("degree", [2, 3, 4, 5])
+def test_the_routh_array_counts_the_roots_on_the_right(degree: int) -> None:
+    random = np.random.default_rng(RANDOM_SEED - degree)
+    counts = set()
+    for _ in range(40):
+        coefficients = random_polynomial(random, degree)
+        roots = np.roots(coefficients)
+        if np.abs(roots.real).min() < MARGIN:
+            continue
+        rows = stability.routh_array([sp.Integer(c) for c in coefficients])
+        assert [len(row) for row in rows] == [n // 2 + 1 for n in range(degree, -1, -1)]
+        column = np.array([float(row[0]) for row in rows])
+        changes = int((column[1:] * column[:-1] < 0).sum())
+        assert changes == int((roots.real > 0).sum())
+        counts.add(changes)
+    assert len(counts) > 1
+
+
+def test_the_routh_array_has_the_hurwitz_determinants_in_its_first_column() -> None:
+    symbols = (sp.Integer(1), *sp.symbols("a3 a2 a1 a0", positive=True))
+    conditions = (sp.Integer(1), *stability.routh_hurwitz(symbols))
+    column = [row[0] for row in stability.routh_array(symbols)]
+    for n, entry in enumerate(column[1:], 1):
+        assert sp.simplify(entry - conditions[n] / conditions[n - 1]) == 0
+
+
 # --- sampled -------------------------------------------------------------------------------
 
 PULSE = stability.sampled_plant()

@@ -424,6 +424,25 @@ def certify(
 
 
 @app.command()
+def report(
+    design: Annotated[Path, typer.Argument(help="A saved design.json.")],
+    form: Annotated[
+        Literal["markdown", "latex", "html", "pdf", "all"],
+        typer.Option("--format", help="How to write it; all is each that this machine can make."),
+    ] = "all",
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Folder for the report and its figures.")
+    ] = Path("report"),
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Write a design up for people: markdown, LaTeX, a page with sliders, PDF."""
+    from maglev_design.cli import report_verb  # noqa: PLC0415
+
+    report_verb.report(design, form, output, force=force, as_json=json)
+
+
+@app.command()
 def compare(
     rig: RigOption = DEFAULT_PRESET,
     design: Annotated[

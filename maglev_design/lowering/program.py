@@ -19,7 +19,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-Language = Literal["python", "c", "matlab"]
+Language = Literal["python", "c", "matlab", "javascript"]
 
 
 class Operation(NamedTuple):
@@ -356,5 +356,20 @@ _SYNTAX: Mapping[Language, _Syntax] = {
         "{} = {};",
         "{} = {};",
         "Inf",
+    ),
+    "javascript": _Syntax(
+        _INFIX
+        | {f: f"Math.{f}({{}})" for f in ("sqrt", "exp", "sinh", "cosh", "sin", "cos", "abs")}
+        | {
+            "min": "{0} < {1} ? {0} : {1}",
+            "max": "{0} > {1} ? {0} : {1}",
+            "and": "{} && {}",
+            "or": "{} || {}",
+            "where": "{0} ? {1} : {2}",
+        },
+        "const {} = {};",
+        "const {} = {};",
+        "const {} = {};",
+        "Infinity",
     ),
 }

@@ -137,6 +137,31 @@ def acceleration() -> Program:
     return lower((p.g, p.beta, p.y0, p.y, p.u), {"acc": levitation.acceleration})
 
 
+def routh(controller: Controller) -> Program:
+    """Return the continuous loop's polynomial and its Routh array, row by row."""
+    polynomial = stability.closed_loop_polynomial(law(controller))
+    letters = [sp.Symbol(f"a{n}") for n in range(len(polynomial) - 1, -1, -1)]
+    outputs: dict[str, sp.Expr] = {s.name: s for s in letters}
+    for power, row in zip(range(len(letters) - 1, -1, -1), _array(letters), strict=True):
+        outputs |= {f"row{power}_{n}": entry for n, entry in enumerate(row)}
+    inputs = (p.rho, p.C_Y_true, p.C_Y_hat, *law(controller).gains)
+    return lower(inputs, outputs, dict(zip(letters, polynomial, strict=True)))
+
+
+def _array(letters: Sequence[sp.Symbol]) -> tuple[tuple[sp.Expr, ...], ...]:
+    return stability.routh_array([sp.Integer(1), *letters[1:]])
+
+
+def sampled_loop(method: Method, controller: Controller) -> Program:
+    """Return numerator and denominator of the sampled open loop."""
+    own = law(controller)
+    gain = sp.Symbol("loop_gain")
+    pulse = stability.sampled_loop(own, method, gain)
+    inputs = (gain, p.C_U_hat, p.C_Y_hat, p.C_Y_true, p.T, stability.first_part, *own.gains)
+    outputs = {f"num{n}": x for n, x in enumerate(pulse.numerator)}
+    return lower(inputs, outputs | {f"den{n}": x for n, x in enumerate(pulse.denominator)})
+
+
 def metrics(crossing: bool) -> Program:
     """Return the increments of the metrics over one step."""
     steps = quadratures.increments(crossing=crossing)

@@ -5,7 +5,6 @@ Names, titles and reasons are data: they are escaped for the format, never inter
 
 from __future__ import annotations
 
-import re
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
@@ -15,10 +14,13 @@ import sympy as sp
 from sympy import Expr, Symbol
 
 from maglev_design.errors import InputError
+from maglev_design.report.escape import latex_text, markdown_maths, markdown_text
+from maglev_design.report.words import unit_latex
 from maglev_design.symbolic.derivation_terms import Equation, Line
 from maglev_design.symbolic.plant import Entry
 
 Format = Literal["text", "markdown", "latex"]
+Row = tuple[str, str]
 
 TEXT_WIDTH = 100
 """Columns of the terminal text."""
@@ -83,16 +85,26 @@ def render(equations: Sequence[Equation], symbols: Sequence[Entry], format: Form
     }
     if format not in writers:
         raise InputError(f"format {format!r}: allowed are {', '.join(get_args(Format))}")
-    return writers[format](equations, _occurring(equations, symbols))
+    return writers[format](equations, occurring(equations, symbols))
 
 
 def equation_latex(equation: Equation, symbols: Sequence[Entry]) -> str:
     r"""Return the lines of one equation as LaTeX without delimiters, joined by row ends."""
+    return aligned(equation_rows(equation, symbols))
+
+
+def equation_rows(equation: Equation, symbols: Sequence[Entry]) -> list[Row]:
+    """Return the rows of one equation as LaTeX left and right of where they are aligned."""
     names = _names(symbols)
-    rows = [row for line in equation.lines for row in _line_rows(line, names)]
+    return [row for line in equation.lines for row in _line_rows(line, names)]
+
+
+def aligned(rows: Sequence[Row]) -> str:
+    """Return rows as LaTeX without delimiters, several in an ``aligned``."""
     if len(rows) == 1:
-        return rows[0].replace("&", "", 1)
-    return "\\begin{aligned}\n" + " \\\\[3pt]\n".join(rows) + "\n\\end{aligned}"
+        return " ".join(rows[0]).strip()
+    body = " \\\\[3pt]\n".join(f"{left} &{right}" for left, right in rows)
+    return "\\begin{aligned}\n" + body + "\n\\end{aligned}"
 
 
 def records(equations: Sequence[Equation], symbols: Sequence[Entry]) -> list[dict[str, str | None]]:
@@ -118,7 +130,8 @@ def _names(symbols: Sequence[Entry]) -> dict[Symbol, str]:
     return {entry.symbol: entry.latex for entry in symbols}
 
 
-def _occurring(equations: Sequence[Equation], symbols: Sequence[Entry]) -> list[Entry]:
+def occurring(equations: Sequence[Equation], symbols: Sequence[Entry]) -> list[Entry]:
+    """Return the entries of the symbol table that occur in the equations."""
     letters = {
         letter
         for equation in equations
@@ -179,17 +192,17 @@ def _wrapped(text: str, first: str, following: str) -> list[str]:
 # Formulas
 
 
-def _line_rows(line: Line, names: Mapping[Symbol, str]) -> list[str]:
+def _line_rows(line: Line, names: Mapping[Symbol, str]) -> list[Row]:
     """Return one line as rows of an aligned block; a long sum takes several."""
     left, sign = sp.latex(line.lhs, symbol_names=names), _SIGNS[line.relation]
     used = _width(line.lhs)
     if used + _width(line.rhs) + 3 <= LINE_WIDTH or not line.rhs.is_Add:
-        return [f"{left} &{sign} {sp.latex(line.rhs, symbol_names=names)}"]
+        return [(left, f"{sign} {sp.latex(line.rhs, symbol_names=names)}")]
     chunks = _chunks(line.rhs, LINE_WIDTH - used - 3)
-    rows = [f"{left} &{sign} {_sum_latex(chunks[0], names)}"]
+    rows = [(left, f"{sign} {_sum_latex(chunks[0], names)}")]
     for chunk in chunks[1:]:
         more = _sum_latex(chunk, names)
-        rows.append(r"&\quad " + (more if more.startswith("-") else "+ " + more))
+        rows.append(("", r"\quad " + (more if more.startswith("-") else "+ " + more)))
     return rows
 
 
@@ -216,82 +229,55 @@ def _width(expression: Expr) -> int:
 
 # Markdown
 
-_MARKDOWN_SPECIAL = re.compile(r"([\\`*_{}\[\]<>#|$~^])")
-
 
 def _markdown(equations: Sequence[Equation], symbols: Sequence[Entry]) -> str:
-    out = [f"# {_markdown_text(_TITLE)}", "", _markdown_text(_INTRODUCTION), ""]
+    out = [f"# {markdown_text(_TITLE)}", "", markdown_text(_INTRODUCTION), ""]
     for section, members in groupby(equations, key=lambda equation: equation.section):
-        out += [f"## {_markdown_text(section)}", ""]
+        out += [f"## {markdown_text(section)}", ""]
         for equation in members:
-            formula = _markdown_maths(equation_latex(equation, symbols))
+            formula = markdown_maths(equation_latex(equation, symbols))
             out += [
-                f"### ({_markdown_text(equation.id)}) {_markdown_text(equation.title)}",
+                f"### ({markdown_text(equation.id)}) {markdown_text(equation.title)}",
                 "",
                 "$$",
                 f"{formula} \\tag{{{equation.id}}}",
                 "$$",
                 "",
-                _markdown_text(equation.reason),
+                markdown_text(equation.reason),
                 "",
-                f"Residual: {_markdown_text(_verdict(equation))}",
+                f"Residual: {markdown_text(_verdict(equation))}",
                 "",
             ]
     out += ["## Symbols", "", "| symbol | unit | meaning |", "| --- | --- | --- |"]
     out += [
-        f"| ${_markdown_maths(entry.latex)}$ | {_markdown_unit(entry.unit)} "
-        f"| {_markdown_text(entry.meaning)} |"
+        f"| ${markdown_maths(entry.latex)}$ | {_markdown_unit(entry.unit)} "
+        f"| {markdown_text(entry.meaning)} |"
         for entry in symbols
     ]
     return "\n".join(out) + "\n"
 
 
-def _markdown_text(text: str) -> str:
-    return _MARKDOWN_SPECIAL.sub(r"\\\1", text)
-
-
-def _markdown_maths(latex: str) -> str:
-    # GitHub reads emphasis before maths: a bare star or "_" after a bracket could be taken for it
-    return latex.replace("*", r"\ast ")
-
-
 def _markdown_unit(unit: str) -> str:
-    return "–" if unit == "-" else f"${_unit_latex(unit)}$"  # noqa: RUF001
+    return "–" if unit == "-" else f"${unit_latex(unit)}$"  # noqa: RUF001
 
 
 # LaTeX
 
-_LATEX_SPECIAL = {
-    "\\": r"\textbackslash{}",
-    "{": r"\{",
-    "}": r"\}",
-    "_": r"\_",
-    "^": r"\textasciicircum{}",
-    "~": r"\textasciitilde{}",
-    "#": r"\#",
-    "%": r"\%",
-    "&": r"\&",
-    "$": r"\$",
-    "'": r"{'}",
-    "<": "$<$",
-    ">": "$>$",
-}
-
 
 def _latex(equations: Sequence[Equation], symbols: Sequence[Entry]) -> str:
-    out = [_PREAMBLE % _latex_text(_TITLE) + r"\begin{document}", r"\maketitle", ""]
-    out += [_latex_text(_INTRODUCTION), ""]
+    out = [_PREAMBLE % latex_text(_TITLE) + r"\begin{document}", r"\maketitle", ""]
+    out += [latex_text(_INTRODUCTION), ""]
     for section, members in groupby(equations, key=lambda equation: equation.section):
-        out += [rf"\section*{{{_latex_text(section)}}}", ""]
+        out += [rf"\section*{{{latex_text(section)}}}", ""]
         for equation in members:
             out += [
-                rf"\subsection*{{({_latex_text(equation.id)}) {_latex_text(equation.title)}}}",
+                rf"\subsection*{{({latex_text(equation.id)}) {latex_text(equation.title)}}}",
                 r"\begin{equation*}",
-                f"{equation_latex(equation, symbols)} \\tag{{{_latex_text(equation.id)}}}",
+                f"{equation_latex(equation, symbols)} \\tag{{{latex_text(equation.id)}}}",
                 r"\end{equation*}",
-                f"{_latex_text(equation.reason)}",
+                f"{latex_text(equation.reason)}",
                 "",
-                rf"\emph{{Residual: {_latex_text(_verdict(equation))}}}",
+                rf"\emph{{Residual: {latex_text(_verdict(equation))}}}",
                 "",
             ]
     out += [
@@ -302,22 +288,12 @@ def _latex(equations: Sequence[Equation], symbols: Sequence[Entry]) -> str:
         r"\endhead",
     ]
     out += [
-        f"${entry.latex}$ & {_latex_unit(entry.unit)} & {_latex_text(entry.meaning)} \\\\[2pt]"
+        f"${entry.latex}$ & {_latex_unit(entry.unit)} & {latex_text(entry.meaning)} \\\\[2pt]"
         for entry in symbols
     ]
     out += [r"\end{longtable}", r"\end{document}"]
     return "\n".join(out) + "\n"
 
 
-def _latex_text(text: str) -> str:
-    return "".join(_LATEX_SPECIAL.get(character, character) for character in text)
-
-
 def _latex_unit(unit: str) -> str:
-    return "--" if unit == "-" else f"${_unit_latex(unit)}$"
-
-
-def _unit_latex(unit: str) -> str:
-    """Return a unit such as "m^3/(s^2 V^2)" in upright letters."""
-    powers = re.sub(r"\^(\d+|\([^)]*\))", lambda match: f"^{{{match[1].strip('()')}}}", unit)
-    return r"\mathrm{" + powers.replace(" ", r"\,") + "}"
+    return "--" if unit == "-" else f"${unit_latex(unit)}$"

@@ -11,10 +11,12 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.font_manager import findfont, get_font
 from numpy.typing import NDArray
 
 from maglev_design.errors import InputError
 from maglev_design.files import write_bytes
+from maglev_design.report.escape import one_line
 
 Curves = Mapping[str, NDArray[np.float64]]
 
@@ -84,10 +86,15 @@ def save_figure(figure: Figure, path: Path) -> Path:
     suffix = path.suffix.lower()
     if suffix not in METADATA:
         raise InputError(f"{path}: a plot must end in {', '.join(METADATA)}")
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format=suffix[1:], metadata=METADATA[suffix])
-    write_bytes(path, buffer.getvalue())
+    write_bytes(path, figure_bytes(figure, suffix))
     return path
+
+
+def figure_bytes(figure: Figure, ending: str) -> bytes:
+    """Return `figure` in the format of an ending of :data:`METADATA`."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=ending[1:], metadata=METADATA[ending])
+    return buffer.getvalue()
 
 
 def _axes(height: float = 3.0) -> tuple[Figure, Any]:
@@ -96,8 +103,10 @@ def _axes(height: float = 3.0) -> tuple[Figure, Any]:
 
 
 def literal(text: str) -> str:
-    """Return `text` so that matplotlib does not take a dollar sign in it for mathematics."""
-    return text.replace("$", r"\$")
+    """Return `text` in one line, without mathematics, and with no sign that the font lacks."""
+    font = get_font(findfont(STYLE["font.family"]))
+    drawn = (c if font.get_char_index(ord(c)) else "\ufffd" for c in one_line(text))
+    return "".join(drawn).replace("$", r"\$")
 
 
 def tracking(curves: Curves, document: Mapping[str, Any]) -> Figure:
@@ -138,7 +147,12 @@ def error(curves: Curves, document: Mapping[str, Any]) -> Figure:
 
 def _start(t: NDArray[np.float64], document: Mapping[str, Any]) -> NDArray[np.bool_]:
     """Return the instants of the initial transient."""
-    return np.asarray(t <= max(0.2, 20 * document["rig"]["sampling"]["period"]))
+    return np.asarray(t <= start_of(document))
+
+
+def start_of(document: Mapping[str, Any]) -> float:
+    """Return how long the initial transient is shown [s]."""
+    return max(0.2, 20 * float(document["rig"]["sampling"]["period"]))
 
 
 def voltage(curves: Curves, document: Mapping[str, Any]) -> Figure:
@@ -295,16 +309,24 @@ def response_figure(curves: Curves, title: str) -> Figure:
     return figure
 
 
+DRAWINGS = {
+    "tracking": tracking,
+    "error": error,
+    "voltage": voltage,
+    "landscape": landscape,
+    "trade_off": trade_off,
+}
+"""The figures of a design by the names of their files."""
+NEEDS = {"landscape": "landscape_objective", "trade_off": "pareto_certified"}
+"""Curves without which a figure is left out."""
+
+
 def design_figures(curves: Curves, document: Mapping[str, Any], folder: Path) -> tuple[Path, ...]:
     """Write every figure of a design record into `folder`; return the paths."""
-    drawings = {"tracking": tracking, "error": error, "voltage": voltage}
-    if "landscape_objective" in curves:
-        drawings["landscape"] = landscape
-    if "pareto_certified" in curves:
-        drawings["trade_off"] = trade_off
+    names = [name for name in DRAWINGS if NEEDS.get(name, "times") in curves]
     written: list[Path] = []
     with house_style():
-        for name, draw in drawings.items():
-            figure = draw(curves, document)
+        for name in names:
+            figure = DRAWINGS[name](curves, document)
             written += [save_figure(figure, folder / f"{name}{end}") for end in (".png", ".svg")]
     return tuple(written)

@@ -92,6 +92,35 @@ def routh_hurwitz(coefficients: Sequence[Expr]) -> tuple[Expr, ...]:
     return tuple(sp.factor(condition) for condition in conditions)
 
 
+def routh_array(coefficients: Sequence[Expr]) -> tuple[tuple[Expr, ...], ...]:
+    """Return the rows of the Routh array, that of s^n first, as textbooks print it.
+
+    The roots lie left of 0 iff the first column has one sign; each change is a root on the right.
+
+    Parameters
+    ----------
+    coefficients : sequence of Expr
+        a_n, ..., a_0, highest power first.
+
+    Examples
+    --------
+    >>> a, b, c = sp.symbols("a b c")
+    >>> routh_array([sp.Integer(1), a, b, c])
+    ((1, b), (a, c), ((a*b - c)/a,), (c,))
+    """
+    upper, lower = tuple(coefficients[0::2]), tuple(coefficients[1::2])
+    rows = [upper, lower]
+    for _ in range(len(coefficients) - 2):
+        padded = (*lower, *([sp.Integer(0)] * (len(upper) - len(lower))))
+        following = tuple(
+            sp.cancel((lower[0] * upper[j + 1] - upper[0] * padded[j + 1]) / lower[0])
+            for j in range(len(upper) - 1)
+        )
+        upper, lower = lower, following
+        rows.append(following)
+    return tuple(rows)
+
+
 def hurwitz_shares(law: ControlLaw) -> tuple[Expr, ...]:
     """Return the conditions of the continuous loop over their sizes as designed.
 
@@ -200,6 +229,30 @@ def sampled_law(law: ControlLaw, method: Method) -> SampledLaw:
         numerators.append(tuple(sp.factor(polynomial.coeff_monomial(p.z**n)) for n in powers))
     gap, velocity = numerators
     return SampledLaw(gap, velocity, tuple(sp.factor(c) for c in denominator.all_coeffs()))
+
+
+def sampled_loop(law: ControlLaw, method: Method, gain: Expr) -> PulseTransfer:
+    """Return -P H, the sampled law behind the sampled plant, `gain` being C_U' times its slope.
+
+    Coefficients of the numerator and the denominator, highest power first; whole periods of delay
+    are further factors 1/z. With N and D these, S = D/(D + N).
+    """
+    core = sampled_law(law, method)
+    pulses = sampled_plant("gap"), sampled_plant("velocity")
+    numerator = sp.Integer(0)
+    for seen, pulse in zip((core.gap, core.velocity), pulses, strict=True):
+        numerator += _in_z(seen) * _in_z(pulse.numerator)
+    length = len(core.gap) + len(pulses[0].numerator) - 1
+    over = sp.Poly(numerator, p.z)
+    denominator = sp.Poly(_in_z(core.denominator) * _in_z(pulses[0].denominator), p.z)
+    return PulseTransfer(
+        tuple(gain * over.coeff_monomial(p.z**n) for n in range(length - 1, -1, -1)),
+        tuple(denominator.all_coeffs()),
+    )
+
+
+def _in_z(coefficients: Sequence[Expr]) -> Expr:
+    return sum((c * p.z**n for n, c in enumerate(reversed(coefficients))), sp.Integer(0))
 
 
 def _monic(transfer: Expr, variable: Symbol) -> tuple[Expr, Expr]:

@@ -1,0 +1,383 @@
+"""Chapters on what came out: the tuning, the worst case, limits, margins, checks, alternatives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from maglev_design.record import DesignRecord
+from maglev_design.report.commands import REPORT, tune_command
+from maglev_design.report.content import (
+    Block,
+    Code,
+    Figure,
+    Inline,
+    Link,
+    Maths,
+    Paragraph,
+    Quantity,
+    Runs,
+    Section,
+    Strong,
+    Table,
+)
+
+INDEX_UNITS = {"itae": "m s^2", "iae": "m s", "ise": "m^2 s"}
+PARTS = ("start", "move", "hold")
+RATIO = Maths(r"\beta_c/\beta")
+ZETA, OMEGA = Maths(r"\zeta"), Maths(r"\omega_n")
+
+
+def poles_runs(poles: Any) -> Runs:
+    """Return pole pairs in words: one for a double pair, two otherwise."""
+    pairs = [tuple(pair) for pair in poles]
+    shown: list[Inline] = []
+    for n, (zeta, omega_n) in enumerate(pairs[:1] if len(set(pairs)) == 1 else pairs):
+        shown += [" and "] if n else []
+        shown += [ZETA, " = ", Quantity(zeta), ", ", OMEGA, " = ", Quantity(omega_n, "rad/s")]
+    return tuple(shown)
+
+
+def times_runs(factor: float | None) -> Inline:
+    """Return a factor; None is infinity, the worst case of the other being zero."""
+    return "infinitely many" if factor is None else Quantity(factor, "-", 3)
+
+
+def summary_chapter(record: DesignRecord) -> Section:
+    """Return the answer in a few sentences."""
+    document = record.document
+    key, worst, base = document["objective"], document["worst_case"], document["baseline"]
+    u = document["beta_error"]
+    unit = INDEX_UNITS[key]
+    first: Runs = (
+        "The desired poles are ",
+        *poles_runs(document["poles"]),
+        ", the same pair twice, eq. " if _double(document) else ". ",
+        *((Link("24"), ".") if _double(document) else ()),
+        f" They have the smallest {key.upper()} of the tracking error at its worst over ",
+        RATIO,
+        " from ",
+        Quantity(1 - u),
+        " to ",
+        Quantity(1 + u),
+        ": ",
+        Quantity(worst[key], unit),
+        ", ",
+        times_runs(base["improvement"]),
+        " times smaller than with ",
+        ZETA,
+        " = ",
+        Quantity(base["zeta"]),
+        ", ",
+        OMEGA,
+        " = ",
+        Quantity(base["omega_n"], "rad/s"),
+        " under the same limits",
+        *(
+            ()
+            if base["feasible"]
+            else (f" (a choice that breaks these: {', '.join(base['violated'])})",)
+        ),
+        ".",
+    )
+    status: Runs = (Strong("Status: "), document["message"])
+    return Section("The result", (Paragraph(first), Paragraph(status)))
+
+
+def _double(document: Mapping[str, Any]) -> bool:
+    first, second = document["poles"]
+    return bool(first == second)
+
+
+def worst_chapter(record: DesignRecord) -> Section:
+    """Return the figures of the loop at their worst, of the yardstick, and without any error."""
+    document = record.document
+    base, u = document["baseline"], document["beta_error"]
+    columns = (document["worst_case"], base["worst_case"], document["nominal"])
+
+    def row(label: Runs, key: str, unit: str) -> tuple[Runs, ...]:
+        cells = tuple((Quantity(c[key], unit) if key in c else "–",) for c in columns)  # noqa: RUF001
+        return (label, *cells)
+
+    rows = [row((key.upper(),), key, unit) for key, unit in INDEX_UNITS.items()]
+    rows += [
+        ((f"ITAE, {part}",), *((Quantity(c["itae_split"][part], "m s^2"),) for c in columns))
+        for part in PARTS
+    ]
+    rows += [
+        row(("largest commanded voltage",), "peak_voltage", "V"),
+        row(("smallest commanded voltage",), "min_voltage", "V"),
+        row(("peak of ", Maths(r"\lvert S\rvert")), "ms", "-"),
+        row(("the same, one more sample",), "ms_one_more_sample", "-"),
+        row(("spectral radius",), "spectral_radius", "-"),
+        row(("voltage from sensor noise",), "noise_voltage", "V"),
+        row(("at ", RATIO), "ratio", "-"),
+    ]
+    table = Table(
+        "worst",
+        (
+            "Figures of the loop at their worst over ",
+            RATIO,
+            " from ",
+            Quantity(1 - u),
+            " to ",
+            Quantity(1 + u),
+            ", and on the plant that the controller believes in.",
+        ),
+        (("figure",), ("tuned",), ("yardstick",), ("tuned, nominal",)),
+        tuple(rows),
+        tune_command(record),
+        "lrrr",
+    )
+    share = _share(document["worst_case"]["itae_split"])
+    told: list[Block] = [
+        Paragraph(
+            (
+                "The yardstick is ",
+                ZETA,
+                " = ",
+                Quantity(base["zeta"]),
+                ", ",
+                OMEGA,
+                " = ",
+                Quantity(base["omega_n"], "rad/s"),
+                ", the choice of the paper's section 4, with the same method and reading. ",
+                Link("worst"),
+                " has the true error ",
+                Maths("e = y - y^*"),
+                " over the whole run; start is what happens before the move, hold what follows it.",
+            )
+        ),
+        table,
+    ]
+    if share is not None:
+        part, value = share
+        told.append(
+            Paragraph(
+                (
+                    "Of the worst-case ITAE, ",
+                    Quantity(100 * value, "-", 3),
+                    f" % falls in the {part}.",
+                )
+            )
+        )
+    return Section("The worst case", tuple(told))
+
+
+def _share(split: Mapping[str, float | None]) -> tuple[str, float] | None:
+    """Return the part of the run with the most of an index, and its share."""
+    known = {part: value for part, value in split.items() if value is not None}
+    total = sum(known.values())
+    if len(known) < len(split) or total <= 0:
+        return None
+    part = max(known, key=lambda name: known[name])
+    return part, known[part] / total
+
+
+def limits_chapter(record: DesignRecord) -> Section:
+    """Return the limits and the margins."""
+    document = record.document
+    signs = {"upper": Maths(r"\le"), "lower": Maths(r"\ge")}
+    limits = Table(
+        "limits",
+        ("What the tuning had to keep, each at its worst.",),
+        (("limit",), ("value",), ("allowed",), ("kept",)),
+        tuple(
+            (
+                (c["name"],),
+                (Quantity(c["value"], c["unit"]),),
+                ("no limit",)
+                if c["limit"] is None
+                else (signs[c["side"]], " ", Quantity(c["limit"], c["unit"])),
+                ("yes" if c["satisfied"] else Strong("no"),),
+            )
+            for c in document["constraints"]
+        ),
+        tune_command(record),
+        "lrrl",
+    )
+    shown = (
+        ("gain may rise by the factor", "gain_up", "-"),
+        ("gain may fall by the factor", "gain_down", "-"),
+        ("phase", "phase_deg", "deg"),
+        ("further delay", "delay_s", "s"),
+        ("peak of |S|", "ms", "-"),
+    )
+    margins = document["margins"]
+    table = Table(
+        "margins",
+        ("Margins of the sampled loop, each at the gap and the ratio where it is smallest.",),
+        (("margin",), ("value",), ("gap",), (RATIO,)),
+        tuple(
+            (
+                (label,),
+                (Quantity(margins[key]["value"], unit),),
+                (Quantity(margins[key]["gap"], "m"),),
+                (Quantity(margins[key]["ratio"]),),
+            )
+            for label, key, unit in shown
+        ),
+        tune_command(record),
+        "lrrr",
+    )
+    told = Paragraph(
+        (
+            "The plant is unstable, so its gain may neither rise nor fall too far. ",
+            Maths(r"M_s = \max\lvert S\rvert"),
+            " is one over the smallest distance of the Nyquist curve from ",
+            Maths("-1"),
+            ", of the sampled loop with its delay, over all gaps of the path.",
+        )
+    )
+    return Section("Limits and margins", (told, limits, table))
+
+
+def verification_chapter(record: DesignRecord) -> Section:
+    """Return how the optimum was checked."""
+    document = record.document
+    key, check = document["objective"], document["verification"]
+    rows = [("tuned", document["worst_case"], check)]
+    rows.append(("yardstick", document["baseline"]["worst_case"], check["baseline"]))
+    table = Table(
+        "verification",
+        (f"The worst-case {key.upper()}, computed twice.",),
+        (("design",), ("as tuned",), ("second integrator",), ("relative difference",), ("passed",)),
+        tuple(
+            (
+                (name,),
+                (Quantity(found[key], INDEX_UNITS[key], 7),),
+                (Quantity(again[key], INDEX_UNITS[key], 7),),
+                (Quantity(again["relative_difference"], "-", 2),),
+                ("yes" if again["passed"] else Strong("no"),),
+            )
+            for name, found, again in rows
+        ),
+        tune_command(record),
+        "lrrrl",
+    )
+    told = Paragraph(
+        (
+            "The worst case was run again by an integrator that shares nothing with the first: ",
+            check["integrator"],
+            ". Allowed is a relative difference of ",
+            Quantity(check["tolerance"]),
+            ".",
+        )
+    )
+    return Section("Verification", (told, table))
+
+
+def alternatives_chapter(record: DesignRecord) -> Section | None:
+    """Return what another choice would give; None where none was tried."""
+    document = record.document
+    key = document["objective"]
+    if not document["alternatives"]:
+        return None
+    rows = []
+    for other in document["alternatives"]:
+        worst = other["worst_case"]
+        anew = "tuned anew" if other["tuned"] else "same poles"
+        rows.append(
+            (
+                (f"{other['kind']} ", Code(other["name"]), f", {anew}"),
+                (Quantity(worst[key], INDEX_UNITS[key]),),
+                (times_runs(other["improvement"]),),
+                (Quantity(worst["peak_voltage"], "V"),),
+                (Quantity(worst["ms"]),),
+                ("yes" if other["feasible"] else Strong("no"),),
+            )
+        )
+    table = Table(
+        "alternatives",
+        ("What another choice would give, all else as it is.",),
+        (
+            ("choice",),
+            (f"worst {key.upper()}",),
+            ("better by",),
+            ("largest command",),
+            (Maths("M_s"),),
+            ("limits kept",),
+        ),
+        tuple(rows),
+        tune_command(record),
+        "lrrrrl",
+    )
+    blocks: list[Block] = [table]
+    measured = next((a for a in document["alternatives"] if a["name"] == "measured"), None)
+    if measured is not None and measured["worst_case"][key] < document["worst_case"][key]:
+        blocks.append(
+            Paragraph(
+                (
+                    "Measuring once the voltage ",
+                    Maths("U"),
+                    " that holds the ball, instead of computing it from ",
+                    Maths(r"\beta_c"),
+                    ", would make the worst case ",
+                    times_runs(measured["improvement"]),
+                    " times smaller at these poles"
+                    + ("." if measured["feasible"] else ", which then need tuning anew."),
+                )
+            )
+        )
+    return Section("What another choice would give", tuple(blocks))
+
+
+def certificate_chapter(record: DesignRecord) -> Section | None:
+    """Return the certificate as the record has it, leaf by leaf; None where there is none."""
+    certificate = record.document.get("certificate")
+    if not certificate:
+        return None
+    rows = tuple(((Code(name),), (_leaf(value),)) for name, value in _leaves(certificate))
+    table = Table(
+        "certificate",
+        ("The certificate stored with the design.",),
+        (("key",), ("value",)),
+        rows,
+        "maglev-design certify design/design.json",
+        "lp",
+    )
+    return Section("Certificate", (table,))
+
+
+def _leaves(data: Any, path: str = "") -> list[tuple[str, Any]]:
+    if isinstance(data, Mapping):
+        items = [(f"{path}.{key}" if path else str(key), item) for key, item in data.items()]
+    elif isinstance(data, list) and any(isinstance(item, Mapping | list) for item in data):
+        items = [(f"{path}[{n}]", item) for n, item in enumerate(data)]
+    else:
+        return [(path, data)]
+    return [leaf for name, item in items for leaf in _leaves(item, name)]
+
+
+def _leaf(value: Any) -> Inline:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list):
+        return ", ".join(map(str, value))
+    return Quantity(value) if value is None or isinstance(value, int | float) else str(value)
+
+
+CAPTIONS: Mapping[str, Runs] = {
+    "tracking": ("Gap and reference, each loop at its own worst ratio.",),
+    "error": (
+        "Tracking error: the start on the left, where the initial error dies out, and the rest on "
+        "the right, in another scale, where what is left is the ramp error of a wrong beta.",
+    ),
+    "voltage": ("Commanded voltage; dotted is the actuator's range.",),
+    "landscape": (
+        "The worst case over the whole search box: darker is better. Lines are the limits, the "
+        "star is the design, the disc the yardstick.",
+    ),
+}
+"""The figures of a design by their names in :mod:`maglev_design.report.plots`."""
+
+
+def figures_chapter(record: DesignRecord) -> Section:
+    """Return the figures; a sentence where the record came without its curves."""
+    names = ["tracking", "error", "voltage"] if record.curves else []
+    names += ["landscape"] if "landscape_objective" in record.curves else []
+    if not names:
+        missing = ("The record came without ", Code("design.npz"), ", which holds the curves.")
+        return Section("Figures", (Paragraph(missing),))
+    figures = tuple(Figure(name, CAPTIONS[name], REPORT) for name in names)
+    return Section("Figures", figures)

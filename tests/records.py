@@ -1,0 +1,52 @@
+"""Design records for the tests of the reports: one tuned, others made of chosen poles."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+from recorded import recorded
+from rigs import SHORT, rig_with
+
+from maglev_design.choices import Equilibrium, Method
+from maglev_design.design import PoleSpec, make_design
+from maglev_design.parameters import Rig
+from maglev_design.record import DesignRecord, rig_as_data
+from maglev_design.tune import TuneResult, build_problem, solve
+
+HOSTILE = (
+    "</script><b>\\input{x} \"q\" 's' `t` $\\frac{ %d {0} \n {{ x }} <<< y >>> <% z %> | & ~ ^ # _ "
+    "\u2028 🧲 é ß µ 球 a*b*c ![i](j) --> \\end{document}"
+)
+"""A name that would break every form if it were not escaped."""
+
+
+@cache
+def tuned() -> DesignRecord:
+    """Return a tuned design of a rig that is no preset."""
+    problem = build_problem(
+        rig_with(SHORT, {"uncertainty.beta": 0.1, "sampling.period": 0.002, "name": "short"})
+    )
+    result = solve(problem)
+    assert isinstance(result, TuneResult)
+    return recorded(result)
+
+
+def renamed(record: DesignRecord, text: str) -> DesignRecord:
+    """Return a record whose rig has `text` wherever a user can write some."""
+    rig = record.rig.model_copy(update={"name": text[:200], "notes": text, "source": text})
+    document = {**record.document, "rig": rig_as_data(rig)}
+    return DesignRecord(rig, record.design, document, record.curves)
+
+
+def chosen(
+    rig: Rig, poles: PoleSpec, method: Method = "tustin", equilibrium: Equilibrium = "model"
+) -> DesignRecord:
+    """Return as much of a record as the interactive figure reads, for poles of one's choice."""
+    document: dict[str, Any] = {
+        "rig": rig_as_data(rig),
+        "bounds": {"zeta": [0.3, 3.0], "omega_n": [10.0, 500.0]},
+        "beta_error": rig.uncertainty.beta,
+    }
+    design = make_design(rig, poles, method=method, equilibrium=equilibrium)
+    return DesignRecord(rig, design, document, {})
