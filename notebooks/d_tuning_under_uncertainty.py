@@ -65,7 +65,7 @@ def run(poles, ratio=1.0, *, continuous=False, method="tustin"):
 # The ball starts 0.4 mm away from the path, the path moves from 24.2 mm to 12 mm between second 1
 # and second 6, and three integrals of the error over seven seconds are compared:
 #
-# $$\mathrm{ISE} = \int e^2 dt, \quad \mathrm{IAE} = \int |e|\,dt, \quad \mathrm{ITAE} = \int t|e|\,dt.$$
+# ISE $= \int e^2\,dt$, IAE $= \int |e|\,dt$ and ITAE $= \int t\,|e|\,dt$.
 #
 # Before ranking with an integral, ask what it is made of. Every metric of the library comes with
 # its shares before, during and after the move:
