@@ -321,8 +321,8 @@ assert region.area < whole.area
 #    conditions refuses $-P$?
 # 2. Ask for a certificate over all gaps from 4 mm to 50 mm. Every corner is stable: what does the
 #    answer mean, and what does it not mean?
-# 3. How slowly may the solver's $P$ let $V$ fall, at best? Compare the proved decay with the
-#    slowest eigenvalue of the four corners.
+# 3. How fast can any common $V$ fall at best? Compare the proved decay with the slowest eigenvalue
+#    of the four corners.
 
 # %% [markdown]
 # ## Answers
@@ -339,7 +339,7 @@ assert not replace(plain, P=negative).verified()
 
 # %% [markdown]
 # **2.** It means that no quadratic function was found that serves the whole range; at each fixed
-# gap the loop may be stable all the same, as the corners show. A certificate proves when it is
+# gap the loop may be stable all the same, as it is at the corners. A certificate proves when it is
 # there; its absence disproves nothing.
 
 # %%

@@ -136,8 +136,7 @@ for k in range(len(response.commanded)):
     commanded.append(command)
 
 # %%
-# Check: seven thousand samples, and no difference that a rounding of the reference path could not
-# explain; on most machines there is none at all.
+# Check: seven thousand samples, and no difference larger than a rounding of the reference path.
 difference = np.abs(np.array(commanded) - response.commanded)
 equal = np.count_nonzero(difference == 0)
 print(f"{equal} of {len(difference)} equal, largest difference {difference.max():.1e} V")
@@ -261,10 +260,11 @@ for name in ("clamp -5 to 5 V", "without"):
     assert not rig.limits.gap[0] < gaps[-1] < rig.limits.gap[1]
 
 # %% [markdown]
-# Look for the two guards in the C text: `t16` bounds the integrator, so that its own share of the
-# voltage never exceeds the actuator's range, and `t25` freezes it while the command is outside the
-# range *and* the step would push it further out. A frozen integrator that could not come back would
-# be no better than a wound-up one.
+# Look for the two guards in the C text. The two choices around `x1_max` bound the integrator, so
+# that its own share of the voltage never exceeds the actuator's range. The choice that gives back
+# `x1` itself freezes it while the command is outside the range *and* the step would push it further
+# out; a step that leads back is always taken, or a frozen integrator would be no better than a
+# wound-up one.
 
 # %% [markdown]
 # ## 4. Delay
