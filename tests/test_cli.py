@@ -316,7 +316,7 @@ def test_an_interrupted_tuning_ends_with_130(tmp_path: Path) -> None:
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),  # noqa: PLW1509
     )
     try:
-        time.sleep(6)
+        time.sleep(4)
         assert process.poll() is None
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=SLOW)

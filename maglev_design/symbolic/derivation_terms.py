@@ -94,9 +94,12 @@ def proved(
 
 
 def simplest(expression: Expr) -> Expr:
-    """Return `expression` simplified; cancelling alone decides the rational ones at once."""
+    """Return `expression` simplified; cancelling alone decides the rational ones.
+
+    For these `simplify` finds nothing more, and may look for it for minutes.
+    """
     quick = sp.cancel(sp.together(expression))
-    return quick if quick == 0 else sp.simplify(quick)
+    return quick if quick.is_rational_function() else sp.simplify(quick)
 
 
 def entries(difference: Matrix) -> list[Expr]:

@@ -246,8 +246,8 @@ def solve(
     """Search, judge and verify.
 
     A keyboard interrupt ends the search and returns the best design so far, marked as such; it is
-    passed on when there is none yet. While the answer is judged, a matter of seconds, the first
-    one is let go: the design is finished.
+    passed on when there is none yet. While the answer is judged, a matter of seconds, it waits
+    for the end.
     """
     report = progress or (lambda *_: None)
     with deferred() as check:
@@ -268,7 +268,12 @@ def solve(
                 raise
             interrupted, found = True, search.best
         report("judging and verifying", 0.0)
-        return _judged(search, found, interrupted, report)
+        result = _judged(search, found, interrupted, report)
+        try:
+            check()
+        except KeyboardInterrupt:
+            return replace(result, status=Status.INTERRUPTED)
+        return result
 
 
 def solve_every_method(

@@ -75,10 +75,10 @@ QUICK = Sizes(
 
 def measured(sizes: Sizes, tell: Tell) -> Data:
     """Return everything that was measured; times in seconds."""
-    of = subject(short=sizes is QUICK)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         os.environ["MAGLEV_DESIGN_CACHE"] = str(folder / "own")
+        of = subject(short=sizes is QUICK)
         yard = Yardstick(of, folder)
         found: Data = {"schema_version": 1, "quick": sizes is QUICK, "machine": machine()}
         parts: dict[str, Callable[[], Any]] = {
