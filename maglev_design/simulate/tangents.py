@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-class Tangent(NamedTuple):
+@dataclass(frozen=True)
+class Tangent:
     """Derivatives by chosen directions of the poles, one column each.
 
     Attributes

@@ -6,13 +6,13 @@ With y0 = 0 every expression is the paper's.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import sympy as sp
 from sympy import Expr, Symbol
 
 
-class Entry(NamedTuple):
+@dataclass(frozen=True)
+class Entry:
     """One row of the symbol table."""
 
     symbol: Symbol

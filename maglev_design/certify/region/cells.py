@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import NamedTuple
 
 from maglev_design.certify.region.model import EXACT, Deviation, force_program
 
@@ -16,7 +16,8 @@ Extents = tuple[Fraction, Fraction]
 """Largest e/(r + y0) and largest q [V] of a set: the units of its cells."""
 
 
-class Cell(NamedTuple):
+@dataclass(frozen=True)
+class Cell:
     """A rectangle of the plane of (e, q), in units of the set's extents."""
 
     left: Fraction
@@ -42,11 +43,12 @@ class Cell(NamedTuple):
         """Return the two halves across the longer side."""
         a, b = self.centre
         if self.right - self.left >= self.high - self.low:
-            return self._replace(right=a), self._replace(left=a)
-        return self._replace(high=b), self._replace(low=b)
+            return replace(self, right=a), replace(self, left=a)
+        return replace(self, high=b), replace(self, low=b)
 
 
-class Force(NamedTuple):
+@dataclass(frozen=True)
+class Force:
     """phi/g on a cell: bounds at its centre, and of its slopes in units of the extents.
 
     phi/g = middle + a (e - e_c) + b (q - q_c) + r with a, b the mids of the slopes and |r| <= rest.

@@ -11,8 +11,7 @@ that all are of one size.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +47,8 @@ MULTIPLIERS = np.concatenate([[0.0], np.geomspace(0.1, 200.0, 24)])
 SOLVED = ("Solved", "AlmostSolved")
 
 
-class Candidate(NamedTuple):
+@dataclass(frozen=True)
+class Candidate:
     """A form, the level that it seems to allow and its reach from rest.
 
     Attributes
@@ -94,7 +94,7 @@ def find_form(model: Deviation) -> Candidate | None:
     if best is None or best.level == 0:
         return None
     scale = np.diag(loop.sizes)
-    return best._replace(level=_level(loop, scale @ best.P @ scale, FINE, FINE_RINGS))
+    return replace(best, level=_level(loop, scale @ best.P @ scale, FINE, FINE_RINGS))
 
 
 @dataclass(frozen=True)
