@@ -255,7 +255,7 @@ def text(found: Data) -> str:
                 )
             ],
         ),
-        f"In process, warm, imports apart, wall time; zeta = {own['poles'][0]:.4g}, omega_n = "
+        f"In process, warm, imports apart, processor time; zeta = {own['poles'][0]:.4g}, omega_n = "
         f"{own['poles'][1]:.5g} rad/s; {own['plain_loops']} loops without gradients and "
         f"{own['carrying_loops']} with.",
         _peer(tune),
