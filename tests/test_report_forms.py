@@ -139,15 +139,25 @@ def test_a_record_without_curves_says_so(record: DesignRecord) -> None:
     assert "design.npz" in markdown(bare, "figures")
 
 
-def test_a_certificate_in_the_record_is_shown(record: DesignRecord) -> None:
-    certificate = {
-        "exact_interval": [{"gap": 0.0246, "lower": 0.2, "lower_exact": "1/5"}],
-        "lmi": {"certified": True},
-    }
-    document = {**record.document, "certificate": certificate}
-    shown = markdown(report_of(DesignRecord(record.rig, record.design, document, {})), "f")
-    assert "| `exact_interval[0].lower_exact` | 1/5 |" in shown
-    assert "| `lmi.certified` | yes |" in shown
+def test_what_is_certified_is_told_with_units_and_what_is_not_with_the_reason(
+    record: DesignRecord,
+) -> None:
+    def told(**certificate: object) -> str:
+        document = {**record.document, "certificate": certificate}
+        return markdown(report_of(DesignRecord(record.rig, record.design, document, {})), "f")
+
+    family = {"gaps": [0.012, 0.0246], "ratios": [0.85, 1.15], "decay": 36.5}
+    shown = told(certified=True, status="certified", largest_beta_error=0.625, **family)
+    for text in ("| gaps to | 0.0246 m |", "36.5 1/s |", "| 62.5 % |", "## Certificate"):
+        assert text in shown
+    assert (
+        " %"
+        not in told(certified=True, status="certified", largest_beta_error=None, **family)
+        .partition("## Certificate")[2]
+        .partition("##")[0]
+    )
+    refused = told(certified=False, status="not certified: narrow the gap range")
+    assert "The sampled loop is not certified: narrow the gap range." in refused
 
 
 # --- markdown ------------------------------------------------------------------------------
