@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ from maglev_design import sweep as sweeps
 from maglev_design.choices import Controller
 from maglev_design.design import Design, PoleSpec, make_design
 from maglev_design.errors import InputError
+from maglev_design.files import read_document
 from maglev_design.parameters import Rig
 from maglev_design.record import rig_from_data
 from maglev_design.simulate import Response, Scenario, total_variation
@@ -50,7 +50,7 @@ class Replayed:
 def replayed(text: str) -> Replayed:
     """Return the scenario named by ``FILE:SCENARIO`` or ``FILE:SCENARIO:DESIGN``."""
     path, k, position = _parsed(text)
-    document = _read(path)
+    document = read_document(path, "the result of a sweep", LARGEST)
     data = document.get("setup", document)
     if not isinstance(data, dict) or data.get("kind") != sweeps.KIND:
         raise InputError(f"{path}: not the result of a sweep (its sweep.json is needed)")
@@ -132,20 +132,6 @@ def _parsed(text: str) -> tuple[Path, int, int]:
             "out/sweep.json:17, with whole numbers from 0 on"
         )
     return Path(head), int(last), 0
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        if path.stat().st_size > LARGEST:
-            raise InputError(f"{path}: larger than {LARGEST} bytes, not the result of a sweep")
-        document = json.loads(path.read_bytes().decode("utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    except (UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: not the result of a sweep (not valid JSON)") from error
-    if not isinstance(document, dict):
-        raise InputError(f"{path}: not the result of a sweep (a table is needed)")
-    return document
 
 
 def _setup(data: dict[str, Any], path: Path) -> sweeps.Setup:
