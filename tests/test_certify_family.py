@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 from rigs import MINIMAL, rig_with
 
-from maglev_design.certify.lyapunov.family import Subject, claim, decimal, state_names, subject
+from maglev_design.certify.lyapunov.family import Subject, claim, state_names, subject
+from maglev_design.certify.rationals import decimal
 from maglev_design.choices import Controller
 from maglev_design.design import PoleSpec, make_design
 from maglev_design.errors import InputError

@@ -8,7 +8,6 @@ import pytest
 from rigs import OFFSET, SHORT, rig_with
 
 from maglev_design import loop as loops
-from maglev_design.certify.intervals.algebraic import decimal
 from maglev_design.certify.intervals.arithmetic import Arithmetic
 from maglev_design.certify.intervals.jets import Jet, operators, widened
 from maglev_design.certify.intervals.positivity import positive
@@ -16,6 +15,7 @@ from maglev_design.certify.intervals.sampled import Setting, enclose, setting, t
 from maglev_design.certify.intervals.sampled_interval import sampled_ratios_at
 from maglev_design.certify.intervals.sampled_limits import largest_delay, largest_period
 from maglev_design.certify.intervals.sampled_path import proved_over, sampled_ratios_over
+from maglev_design.certify.rationals import decimal
 from maglev_design.choices import CONTROLLERS, EQUILIBRIA, METHODS, Controller, Equilibrium, Method
 from maglev_design.design import PoleSpec
 from maglev_design.loop import Family

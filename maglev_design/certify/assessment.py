@@ -12,13 +12,13 @@ from maglev_design import design as designs
 from maglev_design import loop as loops
 from maglev_design.certify import margins
 from maglev_design.certify.intervals import interval
-from maglev_design.certify.intervals.algebraic import decimal
 from maglev_design.certify.intervals.sampled import setting, timing
 from maglev_design.certify.intervals.sampled_interval import sampled_ratios_at
 from maglev_design.certify.intervals.sampled_limits import Limit, largest_delay, largest_period
 from maglev_design.certify.intervals.sampled_path import sampled_ratios_over
 from maglev_design.certify.intervals.spans import StableSet
 from maglev_design.certify.margins import Margins, PointMargins
+from maglev_design.certify.rationals import decimal
 from maglev_design.choices import EQUILIBRIA, TAN_GPI, Controller, Equilibrium, Method
 from maglev_design.design import PoleSpec
 from maglev_design.errors import InputError

@@ -73,17 +73,6 @@ def fraction(number: sp.Rational) -> Fraction:
     return Fraction(int(number.p), int(number.q))
 
 
-def decimal(number: float) -> Fraction:
-    """Return a float as the decimal that was typed.
-
-    Examples
-    --------
-    >>> decimal(0.0246)
-    Fraction(123, 5000)
-    """
-    return Fraction(repr(float(number)))
-
-
 def positive_roots(polynomials: Iterable[Poly]) -> tuple[Root, ...]:
     """Return every positive root of the univariate `polynomials`, sorted, each once.
 

@@ -22,10 +22,11 @@ from sympy import Expr, Poly
 
 from maglev_design import design as designs
 from maglev_design.certify.intervals import algebraic
-from maglev_design.certify.intervals.algebraic import Root, decimal, fraction, rational
+from maglev_design.certify.intervals.algebraic import Root, fraction, rational
 from maglev_design.certify.intervals.arithmetic import Arithmetic
 from maglev_design.certify.intervals.routh import is_hurwitz
 from maglev_design.certify.intervals.spans import End, Span, StableSet, unite
+from maglev_design.certify.rationals import decimal
 from maglev_design.choices import TAN_GPI, Controller, Equilibrium
 from maglev_design.design import PoleSpec
 from maglev_design.parameters import Rig

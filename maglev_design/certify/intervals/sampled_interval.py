@@ -15,12 +15,12 @@ from fractions import Fraction
 from itertools import pairwise
 from typing import Any
 
-from maglev_design.certify.intervals.algebraic import decimal
 from maglev_design.certify.intervals.arithmetic import Arithmetic
 from maglev_design.certify.intervals.jets import Jet
 from maglev_design.certify.intervals.routh import hurwitz_determinant, is_hurwitz
 from maglev_design.certify.intervals.sampled import Affine, Setting, Timing, enclose
 from maglev_design.certify.intervals.spans import ZERO, End, Span, StableSet, unite
+from maglev_design.certify.rationals import decimal
 from maglev_design.choices import Equilibrium
 
 NARROW = Fraction(1, 10**13)

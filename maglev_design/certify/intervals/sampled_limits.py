@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design.certify.intervals.algebraic import decimal
 from maglev_design.certify.intervals.arithmetic import Arithmetic
 from maglev_design.certify.intervals.routh import is_hurwitz
 from maglev_design.certify.intervals.sampled import Setting, Timing, enclose, parts, timing
 from maglev_design.certify.intervals.sampled_path import nominal_quotients, proved_over
+from maglev_design.certify.rationals import decimal
 from maglev_design.parameters import LONGEST_PERIOD, MOST_DELAYED_PERIODS
 
 GAPS = 7

@@ -13,7 +13,6 @@ from math import isqrt
 
 import numpy as np
 
-from maglev_design.certify.intervals.algebraic import decimal
 from maglev_design.certify.intervals.arithmetic import Arithmetic
 from maglev_design.certify.intervals.jets import Jet, order_for, widened
 from maglev_design.certify.intervals.positivity import middle_and_radius, positive
@@ -21,6 +20,7 @@ from maglev_design.certify.intervals.routh import hurwitz_determinant, is_hurwit
 from maglev_design.certify.intervals.sampled import Affine, Setting, Timing, enclose, expand
 from maglev_design.certify.intervals.sampled_interval import sampled_ratios_at
 from maglev_design.certify.intervals.spans import INFINITY, ZERO, End, Span, StableSet
+from maglev_design.certify.rationals import decimal
 from maglev_design.choices import Equilibrium
 
 Range = tuple[Fraction, Fraction]

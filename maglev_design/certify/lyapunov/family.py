@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Literal
 
+from maglev_design.certify.rationals import decimal
 from maglev_design.choices import Equilibrium, Method
 from maglev_design.design import Design, believed_equilibrium, law, path_gaps, plant_beta
 from maglev_design.errors import InputError
@@ -83,17 +84,6 @@ class Claim:
     loop: LoopName
     gaps: tuple[Fraction, Fraction]
     ratios: tuple[Fraction, Fraction]
-
-
-def decimal(value: float) -> Fraction:
-    """Return a number of a rig as the decimal that was typed.
-
-    Examples
-    --------
-    >>> decimal(0.001)
-    Fraction(1, 1000)
-    """
-    return Fraction(repr(float(value)))
 
 
 def subject(design: Design, rig: Rig) -> Subject:

@@ -25,11 +25,11 @@ from maglev_design.certify.lyapunov.family import (
     NotEnclosedError,
     Subject,
     claim,
-    decimal,
     scaling,
     state_names,
     subject,
 )
+from maglev_design.certify.rationals import decimal
 from maglev_design.design import Design
 from maglev_design.errors import InputError
 from maglev_design.parameters import Rig

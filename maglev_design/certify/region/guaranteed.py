@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sympy import Matrix, Rational
 
+from maglev_design.certify.rationals import decimal
 from maglev_design.certify.region.model import Deviation, deviation
 from maglev_design.certify.region.proof import Check, check
 from maglev_design.certify.region.search import Candidate, find_form
@@ -238,7 +239,7 @@ def guaranteed_region(
             f"ratios = {[float(x) for x in ratios]}: the ends of an interval of beta_c/beta must "
             "be finite numbers greater than 0"
         )
-    low, high = sorted(x if isinstance(x, Fraction) else Fraction(repr(float(x))) for x in ratios)
+    low, high = sorted(x if isinstance(x, Fraction) else decimal(x) for x in ratios)
     model = deviation(rig, design, (low, high), gap)
     found = find_form(model)
     empty = Region(Status.NO_FORM, model, (low, high), Matrix(), Fraction(0), Fraction(0), None)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maglev_design.certify.rationals import decimal
 from maglev_design.certify.region.guaranteed import Region
 from maglev_design.choices import Backend
 from maglev_design.design import Design, plant_beta
@@ -164,7 +165,7 @@ def contradictions(region: Region, simulated: RegionMap) -> tuple[tuple[float, f
     """
     low, high = region.ratios
     same = simulated.continuous and Fraction(simulated.gap) == region.model.gap
-    if not same or not low <= Fraction(repr(simulated.ratio)) <= high:
+    if not same or not low <= decimal(simulated.ratio) <= high:
         raise ValueError("the region and the map are not of the same loop")
     rows, columns = np.nonzero(~simulated.survived)
     dead = (
