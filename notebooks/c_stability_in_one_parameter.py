@@ -36,10 +36,10 @@ import numpy as np
 import sympy as sp
 from matplotlib_inline.backend_inline import set_matplotlib_formats
 
-from maglev_design.certify.intervals.algebraic import decimal
 from maglev_design.certify.intervals.interval import exact_loop, gaps_at, ratios_at, ratios_over
 from maglev_design.certify.intervals.sampled import setting, timing
 from maglev_design.certify.intervals.sampled_interval import sampled_ratios_at
+from maglev_design.certify.rationals import decimal
 from maglev_design.choices import EQUILIBRIA
 from maglev_design.design import PoleSpec, make_design, plant_beta
 from maglev_design.paper.theory_appendix import bounds
