@@ -49,7 +49,7 @@ from maglev_design.paper.theory_linear import (
     printed_matrix,
 )
 from maglev_design.parameters import load_rig
-from maglev_design.report.plots import BLUE, GREEN, GREY, RED, STYLE, WIDTH
+from maglev_design.report.plots.style import BLUE, GREEN, GREY, RED, STYLE, WIDTH
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.derivation import NOTATION
 from maglev_design.symbolic.derivation_control import printed_law

@@ -45,7 +45,7 @@ from maglev_design.design import PoleSpec, make_design, plant_beta
 from maglev_design.paper.theory_appendix import bounds
 from maglev_design.paper.theory_linear import Case, bounded_matrix, linear_loop
 from maglev_design.parameters import load_rig, make_rig
-from maglev_design.report.plots import BLUE, GREEN, GREY, RED, STYLE, WIDTH
+from maglev_design.report.plots.style import BLUE, GREEN, GREY, RED, STYLE, WIDTH
 from maglev_design.simulate import Scenario, loop_for, simulate
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.derivation import NOTATION

@@ -39,7 +39,8 @@ from maglev_design.certify.margins import sampled_margins
 from maglev_design.design import PoleSpec, make_design, plant_beta, reference_path, true_equilibrium
 from maglev_design.parameters import load_rig
 from maglev_design.record import make_record
-from maglev_design.report.plots import BLUE, GREY, RED, STYLE, WIDTH, landscape
+from maglev_design.report.plots.design import landscape
+from maglev_design.report.plots.style import BLUE, GREY, RED, STYLE, WIDTH
 from maglev_design.simulate import loop_for, nominal_scenario, simulate
 from maglev_design.tune import Status, build_problem, judge, solve
 from maglev_design.tune.problem import with_reading

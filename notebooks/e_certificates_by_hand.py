@@ -49,8 +49,8 @@ from maglev_design.certify.region.simulated import (
 )
 from maglev_design.design import PoleSpec, make_design, plant_beta, true_equilibrium
 from maglev_design.parameters import load_rig
-from maglev_design.report.plots import BLUE, GREY, RED, STYLE, WIDTH
-from maglev_design.report.region_plot import region_figure
+from maglev_design.report.plots.region import region_figure
+from maglev_design.report.plots.style import BLUE, GREY, RED, STYLE, WIDTH
 
 plt.rcParams.update(STYLE)
 set_matplotlib_formats("svg")

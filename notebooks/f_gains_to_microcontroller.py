@@ -52,7 +52,7 @@ from maglev_design.loop import Family
 from maglev_design.paper.theory_law import hold_drift
 from maglev_design.paper.theory_linear import Case, linear_loop
 from maglev_design.parameters import load_rig, make_rig
-from maglev_design.report.plots import BLUE, GREEN, GREY, RED, STYLE, WIDTH
+from maglev_design.report.plots.style import BLUE, GREEN, GREY, RED, STYLE, WIDTH
 from maglev_design.simulate import Scenario, loop_for, nominal_scenario, simulate
 from maglev_design.simulate.graph import acceleration_program, step_program
 from maglev_design.symbolic import plant as p

@@ -12,7 +12,7 @@ from maglev_design.choices import Equilibrium, Method
 from maglev_design.design import PoleSpec, make_design
 from maglev_design.parameters import Rig
 from maglev_design.record import DesignRecord, rig_as_data
-from maglev_design.tune import TuneResult, build_problem, solve
+from maglev_design.tune import TuneResult, build_problem, solve, trade_off
 
 HOSTILE = (
     "</script><b>\\input{x} \"q\" 's' `t` $\\frac{ %d {0} \n {{ x }} <<< y >>> <% z %> | & ~ ^ # _ "
@@ -23,13 +23,16 @@ HOSTILE = (
 
 @cache
 def tuned() -> DesignRecord:
-    """Return a tuned design of a rig that is no preset."""
+    """Return a tuned design of a rig that is no preset, with all that a record can hold.
+
+    The trade-off has one and the same certified error everywhere; nothing but its drawing is read.
+    """
     problem = build_problem(
         rig_with(SHORT, {"uncertainty.beta": 0.1, "sampling.period": 0.002, "name": "short"})
     )
     result = solve(problem)
     assert isinstance(result, TuneResult)
-    return recorded(result)
+    return recorded(result, trade_off(result, lambda _: 0.1, lambda *_: None))
 
 
 def renamed(record: DesignRecord, text: str) -> DesignRecord:

@@ -38,8 +38,8 @@ from maglev_design.choices import Controller
 from maglev_design.design import Design, PoleSpec, make_design, plant_beta
 from maglev_design.errors import InputError
 from maglev_design.parameters import Rig, load_rig
-from maglev_design.report.plots import house_style, save_figure
-from maglev_design.report.region_plot import region_figure
+from maglev_design.report.plots.region import region_figure
+from maglev_design.report.plots.style import house_style, save_figure
 from maglev_design.simulate.graph import acceleration_program, continuous_program
 
 Array = NDArray[np.float64]

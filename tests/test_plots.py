@@ -15,7 +15,9 @@ from rigs import SHORT, rig_with
 
 from maglev_design.errors import InputError
 from maglev_design.record import DesignRecord
-from maglev_design.report import plots
+from maglev_design.report.plots import design as plots
+from maglev_design.report.plots.response import response_figure
+from maglev_design.report.plots.style import house_style, save_figure
 from maglev_design.tune import TuneResult, build_problem, solve
 
 UNIT = re.compile(r"\[(mm|µm|m s²|m s|m² s|s|V|rad/s|-)\]$")
@@ -102,7 +104,7 @@ def test_hostile_rig_names_are_text(record: DesignRecord, tmp_path: Path, name: 
     document["rig"]["name"] = name
     figure = draw("tracking", record, document)
     for end in (".png", ".svg"):
-        assert plots.save_figure(figure, tmp_path / f"a{end}").stat().st_size > 5000
+        assert save_figure(figure, tmp_path / f"a{end}").stat().st_size > 5000
 
 
 def test_a_dollar_sign_is_drawn_and_not_interpreted(record: DesignRecord) -> None:
@@ -141,19 +143,19 @@ def test_a_lone_response_is_drawn_with_units(record: DesignRecord, tmp_path: Pat
         "commanded": record.curves["worst_commanded"],
         "applied": np.clip(record.curves["worst_commanded"], 0, 5),
     }
-    figure = plots.response_figure(curves, "$\\frac{")
+    figure = response_figure(curves, "$\\frac{")
     assert [axes.get_ylabel() for axes in figure.axes] == [
         "gap [mm]",
         "error $e$ [µm]",
         "voltage [V]",
     ]
-    assert plots.save_figure(figure, tmp_path / "a.pdf").read_bytes().startswith(b"%PDF")
+    assert save_figure(figure, tmp_path / "a.pdf").read_bytes().startswith(b"%PDF")
 
 
 def test_a_pdf_is_the_same_twice(record: DesignRecord, tmp_path: Path) -> None:
-    with plots.house_style():
+    with house_style():
         figures = [draw("tracking", record) for _ in range(2)]
-        one, two = (plots.save_figure(f, tmp_path / f"{n}.pdf") for n, f in enumerate(figures))
+        one, two = (save_figure(f, tmp_path / f"{n}.pdf") for n, f in enumerate(figures))
     assert one.read_bytes() == two.read_bytes()
 
 
@@ -162,12 +164,12 @@ def test_an_unknown_ending_is_an_input_error(
     record: DesignRecord, tmp_path: Path, name: str
 ) -> None:
     with pytest.raises(InputError, match=r"must end in \.png, \.svg, \.pdf"):
-        plots.save_figure(Figure(), tmp_path / name)
+        save_figure(Figure(), tmp_path / name)
     assert not list(tmp_path.iterdir())
 
 
 def test_capital_endings_are_known(tmp_path: Path) -> None:
-    assert plots.save_figure(Figure(), tmp_path / "a.PNG").read_bytes().startswith(b"\x89PNG")
+    assert save_figure(Figure(), tmp_path / "a.PNG").read_bytes().startswith(b"\x89PNG")
 
 
 def test_drawing_changes_no_global_setting(record: DesignRecord, tmp_path: Path) -> None:
@@ -184,7 +186,7 @@ def test_the_style_is_undone_after_a_fault() -> None:
         inside.update(mpl.rcParams)
         raise RuntimeError
 
-    with pytest.raises(RuntimeError), plots.house_style():
+    with pytest.raises(RuntimeError), house_style():
         fail()
     assert inside != before
     assert dict(mpl.rcParams) == before

@@ -62,6 +62,7 @@ def test_units() -> None:
     assert unit_latex("m^3/(s^2 V^2)") == r"\mathrm{m^{3}/(s^{2}\,V^{2})}"
     assert unit_text("1/s^(n-4)") == "1/sⁿ⁻⁴"
     assert unit_text("ohm") == "Ω"
+    assert unit_latex("%") == r"\mathrm{\%}"
 
 
 def test_latex_has_no_active_sign_of_the_user_left() -> None:

@@ -104,7 +104,15 @@ def test_every_form_has_the_same_numbers(record: DesignRecord, forms: dict[str, 
 def test_every_form_has_every_equation_table_and_figure(
     report: Report, forms: dict[str, str]
 ) -> None:
-    assert {"diagram", "tracking", "error", "voltage", "landscape"} <= set(report.labels)
+    assert {
+        "diagram",
+        "tracking",
+        "error",
+        "voltage",
+        "landscape",
+        "trade_off",
+        "certificate",
+    } <= set(report.labels)
     for target, label in report.labels.items():
         if label.startswith("("):
             assert rf"\tag{{{target}}}" in forms["markdown"]
@@ -185,7 +193,7 @@ def test_markdown_figures_are_beside_it(record: DesignRecord, tmp_path: Path) ->
     write_report(record, tmp_path, ["markdown"])
     text = (tmp_path / "report.md").read_text("utf-8")
     shown = re.findall(r"!\[[^\]]*\]\(([^)]+)\)", text)
-    assert len(shown) == 5
+    assert len(shown) == 6
     assert all((tmp_path / name).read_bytes().startswith(b"<?xml") for name in shown)
 
 

@@ -157,8 +157,8 @@ def _proofs(certificates: tuple[Any, ...], folder: Path) -> tuple[Path, ...]:
 
 def _figures(region: _Region | None, folder: Path) -> tuple[Path, ...]:
     from maglev_design.certify.region.simulated import region_curves  # noqa: PLC0415
-    from maglev_design.report.plots import house_style, save_figure  # noqa: PLC0415
-    from maglev_design.report.region_plot import region_figure  # noqa: PLC0415
+    from maglev_design.report.plots.region import region_figure  # noqa: PLC0415
+    from maglev_design.report.plots.style import house_style, save_figure  # noqa: PLC0415
 
     if region is None:
         return ()

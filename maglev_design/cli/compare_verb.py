@@ -150,7 +150,7 @@ def _document(rig: Rig, found: Comparison, seed: int) -> dict[str, Any]:
 def _write(
     folder: Path, document: dict[str, Any], found: Comparison, command: str
 ) -> tuple[Path, ...]:
-    from maglev_design.report.comparison_plots import comparison_figures  # noqa: PLC0415
+    from maglev_design.report.plots.comparison import comparison_figures  # noqa: PLC0415
 
     curves = {test: [vars(curve) for curve in shown] for test, shown in found.curves.items()}
     figures = comparison_figures(document, curves, folder)

@@ -302,7 +302,8 @@ def _csv(response: Response) -> str:
 
 
 def _plot(response: Response, title: str, path: Path) -> None:
-    from maglev_design.report.plots import house_style, response_figure, save_figure  # noqa: PLC0415
+    from maglev_design.report.plots.response import response_figure  # noqa: PLC0415
+    from maglev_design.report.plots.style import house_style, save_figure  # noqa: PLC0415
 
     names = ("times", "gap", "reference", "commanded", "applied")
     curves: dict[str, Any] = {name: np.asarray(getattr(response, name)) for name in names}

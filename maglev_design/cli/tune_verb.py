@@ -80,7 +80,7 @@ def tune(request: Request, output: Path | None, *, force: bool, as_json: bool) -
         written: tuple[Path, ...] = ()
         if folder is not None:
             progress("figures", 0.5)
-            from maglev_design.report.plots import design_figures  # noqa: PLC0415
+            from maglev_design.report.plots.design import design_figures  # noqa: PLC0415
 
             written = save(record, folder) + design_figures(record.curves, record.document, folder)
     if as_json:

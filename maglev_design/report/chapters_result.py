@@ -21,6 +21,7 @@ from maglev_design.report.content import (
     Strong,
     Table,
 )
+from maglev_design.report.plots.design import drawable
 
 INDEX_UNITS = {"itae": "m s^2", "iae": "m s", "ise": "m^2 s"}
 PARTS = ("start", "move", "hold")
@@ -374,14 +375,19 @@ CAPTIONS: Mapping[str, Runs] = {
         "The worst case over the whole search box: darker is better. Lines are the limits, the "
         "star is the design, the disc the yardstick.",
     ),
+    "trade_off": (
+        "What robustness costs: each point is a placement that keeps every limit, with the error "
+        "of ",
+        Maths(r"\beta"),
+        " up to which the sampled loop is proved stable.",
+    ),
 }
-"""The figures of a design by their names in :mod:`maglev_design.report.plots`."""
+"""The figures of a design by their names in :mod:`maglev_design.report.plots.design`."""
 
 
 def figures_chapter(record: DesignRecord) -> Section:
     """Return the figures; a sentence where the record came without its curves."""
-    names = ["tracking", "error", "voltage"] if record.curves else []
-    names += ["landscape"] if "landscape_objective" in record.curves else []
+    names = drawable(record.curves)
     if not names:
         missing = ("The record came without ", Code("design.npz"), ", which holds the curves.")
         return Section("Figures", (Paragraph(missing),))

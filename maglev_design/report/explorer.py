@@ -13,7 +13,7 @@ from maglev_design.design import plant_beta, timing
 from maglev_design.lowering import Program
 from maglev_design.programs import program
 from maglev_design.record import DesignRecord
-from maglev_design.report.plots import start_of
+from maglev_design.report.plots.design import start_of
 from maglev_design.simulate import graph as graphs
 from maglev_design.simulate import nominal_scenario
 from maglev_design.simulate.response import loop_for

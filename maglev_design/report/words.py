@@ -63,5 +63,5 @@ def unit_text(unit: str) -> str:
 def unit_latex(unit: str) -> str:
     """Return a unit such as "m^3/(s^2 V^2)" in upright letters."""
     powers = _POWER.sub(lambda match: f"^{{{match[1].strip('()')}}}", unit)
-    powers = powers.replace("ohm", r"\Omega")
+    powers = powers.replace("ohm", r"\Omega").replace("%", r"\%")
     return r"\mathrm{" + powers.replace(" ", r"\,") + "}"

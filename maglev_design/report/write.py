@@ -12,15 +12,17 @@ from maglev_design.record import DesignRecord
 from maglev_design.report import chapters_result as results
 from maglev_design.report import chapters_rig as givens
 from maglev_design.report import chapters_theory as theory
-from maglev_design.report import pdf_form, plots
+from maglev_design.report import pdf_form
 from maglev_design.report.content import Explorer, Paragraph, Report, Section
 from maglev_design.report.derivation_steps import derivation_steps
-from maglev_design.report.diagram import block_diagram
 from maglev_design.report.escape import one_line
 from maglev_design.report.explorer import explorer_data, javascript, programs_of
 from maglev_design.report.html_form import html
 from maglev_design.report.latex_form import latex
 from maglev_design.report.markdown_form import PLAIN_TAG, markdown
+from maglev_design.report.plots.design import DRAWINGS
+from maglev_design.report.plots.diagram import block_diagram
+from maglev_design.report.plots.style import figure_bytes, house_style
 
 Form = Literal["markdown", "latex", "html", "pdf"]
 FORMS: tuple[Form, ...] = get_args(Form)
@@ -69,12 +71,12 @@ def report_of(record: DesignRecord) -> Report:
 def pictures(record: DesignRecord, report: Report, endings: Iterable[str]) -> dict[str, bytes]:
     """Return every figure of the report in every format, by file name."""
     drawn: dict[str, bytes] = {}
-    with plots.house_style():
+    with house_style():
         for figure in report.figures():
-            draw = plots.DRAWINGS.get(figure.id)
+            draw = DRAWINGS.get(figure.id)
             picture = block_diagram() if draw is None else draw(record.curves, record.document)
             for ending in endings:
-                drawn[figure.id + ending] = plots.figure_bytes(picture, ending)
+                drawn[figure.id + ending] = figure_bytes(picture, ending)
     return drawn
 
 

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 from matplotlib.figure import Figure
+
+from maglev_design.report.plots.style import WIDTH, house_style, plain_ticks, save_figure
 
 Data = dict[str, Any]
 
@@ -295,7 +296,7 @@ def _sweep(found: Data) -> str:
 
 def precision_figure(found: Data) -> Figure:
     """Return the work-precision diagram."""
-    figure = Figure(figsize=(7.5, 4.8), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 4.6), layout="constrained")
     axes = figure.add_subplot()
     names = list(dict.fromkeys(row["contender"] for row in found["precision"]))
     for marker, name in zip(MARKERS, names, strict=False):
@@ -308,14 +309,13 @@ def precision_figure(found: Data) -> Figure:
         )
     axes.set_xlabel("processor time a closed loop [ms]")
     axes.set_ylabel("relative error of ITAE [-]")
-    axes.grid(visible=True, which="major", alpha=0.4)
-    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    figure.legend(loc="outside lower center", ncols=2)
     return figure
 
 
 def scaling_figure(found: Data) -> Figure:
     """Return time a loop over the number of loops in one call."""
-    figure = Figure(figsize=(6.4, 4.0), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 3.6), layout="constrained")
     axes = figure.add_subplot()
     counts = [row["loops"] for row in found["scaling"]]
     for threads, marker in (("1", "o"), ("2", "s")):
@@ -324,7 +324,7 @@ def scaling_figure(found: Data) -> Figure:
         axes.loglog(counts, ratios, marker=marker, label=label)
     axes.set_xlabel("closed loops in one call [-]")
     axes.set_ylabel("wall time a loop [yardsticks]")
-    axes.grid(visible=True, which="both", alpha=0.3)
+    plain_ticks(axes.yaxis)
     axes.legend()
     return figure
 
@@ -342,13 +342,9 @@ def write(found: Data, folder: Path) -> list[Path]:
     paths[0].write_text(text(found), "utf-8")
     document = _without_nan(found | {"targets": judged})
     paths[1].write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", "utf-8")
-    for name, figure in (
-        ("work-precision", precision_figure(found)),
-        ("scaling", scaling_figure(found)),
-    ):
-        paths.append(pictures / f"{name}.svg")
-        with mpl.rc_context({"svg.hashsalt": name}):
-            figure.savefig(paths[-1], metadata={"Date": None})
+    with house_style():
+        for name, draw in (("work-precision", precision_figure), ("scaling", scaling_figure)):
+            paths.append(save_figure(draw(found), pictures / f"{name}.svg"))
     return paths
 
 

@@ -9,7 +9,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from maglev_design.report.plots import RED, WIDTH, Curves, literal
+from maglev_design.report.plots.style import RED, WIDTH, Curves, literal
 
 LOST, SURVIVED = "#f0f0f0", "#9ecae1"
 """Light, so that the outline stands out, and apart in grey."""

@@ -1,52 +1,28 @@
-"""Every figure of the package, in one style: units on the axes, readable in grey and in print."""
+"""The figures of a design record: tracking, error, voltage, the search, what robustness costs."""
 
 from __future__ import annotations
 
-import io
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.font_manager import findfont, get_font
 from numpy.typing import NDArray
 
-from maglev_design.errors import InputError
-from maglev_design.files import write_bytes
-from maglev_design.report.escape import one_line
-
-Curves = Mapping[str, NDArray[np.float64]]
-
-RED, BLUE, GREEN, GREY, ORANGE = "#c1272d", "#0072b2", "#009e73", "#5f5f5f", "#d98200"
-"""Okabe-Ito's colours and a red that keeps its distance from them in grey."""
-
-STYLE: dict[str, Any] = {
-    "axes.axisbelow": True,
-    "axes.edgecolor": "#333333",
-    "axes.grid": True,
-    "axes.labelsize": 9,
-    "axes.linewidth": 0.7,
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "axes.titlesize": 9,
-    "font.family": "DejaVu Sans",
-    "font.size": 9,
-    "grid.color": "#d9d9d9",
-    "grid.linewidth": 0.5,
-    "legend.fontsize": 8,
-    "legend.frameon": False,
-    "lines.linewidth": 1.4,
-    "savefig.dpi": 200,
-    "svg.fonttype": "path",
-    "svg.hashsalt": "maglev-design",
-    "xtick.labelsize": 8,
-    "ytick.labelsize": 8,
-}
-WIDTH = 6.3
-"""[in] A text column of an A4 page."""
+from maglev_design.report.plots.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    RED,
+    WIDTH,
+    Curves,
+    house_style,
+    literal,
+    plain_ticks,
+    save_figure,
+)
 
 LIMIT_STYLES = {
     "Ms": (BLUE, "-"),
@@ -60,53 +36,9 @@ LIMIT_STYLES = {
 }
 
 
-@contextmanager
-def house_style() -> Iterator[None]:
-    """Apply the style to the figures made inside, and to no others."""
-    with mpl.rc_context(STYLE):
-        yield
-
-
-METADATA: Mapping[str, dict[str, None]] = {
-    ".png": {"Software": None},
-    ".svg": {"Date": None, "Creator": None},
-    ".pdf": {"Creator": None, "Producer": None, "CreationDate": None},
-}
-"""Formats that can be written, and what would tell when and by what the figure was made."""
-
-
-def save_figure(figure: Figure, path: Path) -> Path:
-    """Write `figure` in the format of its ending, the same bytes for the same figure.
-
-    Raises
-    ------
-    InputError
-        For an ending that is not .png, .svg or .pdf.
-    """
-    suffix = path.suffix.lower()
-    if suffix not in METADATA:
-        raise InputError(f"{path}: a plot must end in {', '.join(METADATA)}")
-    write_bytes(path, figure_bytes(figure, suffix))
-    return path
-
-
-def figure_bytes(figure: Figure, ending: str) -> bytes:
-    """Return `figure` in the format of an ending of :data:`METADATA`."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format=ending[1:], metadata=METADATA[ending])
-    return buffer.getvalue()
-
-
 def _axes(height: float = 3.0) -> tuple[Figure, Any]:
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
     return figure, figure.add_subplot()
-
-
-def literal(text: str) -> str:
-    """Return `text` in one line, without mathematics, and with no sign that the font lacks."""
-    font = get_font(findfont(STYLE["font.family"]))
-    drawn = (c if font.get_char_index(ord(c)) else "\ufffd" for c in one_line(text))
-    return "".join(drawn).replace("$", r"\$")
 
 
 def tracking(curves: Curves, document: Mapping[str, Any]) -> Figure:
@@ -222,8 +154,8 @@ def landscape(curves: Curves, document: Mapping[str, Any]) -> Figure:
         ylabel="damping of the poles $\\zeta$ [-]",
         title=_title(document, "Objective and limits"),
     )
-    _plain_ticks(axes.xaxis, omega_n)
-    _plain_ticks(axes.yaxis, zeta)
+    plain_ticks(axes.xaxis)
+    plain_ticks(axes.yaxis)
     axes.grid(False)
     figure.legend(loc="outside lower center", ncols=3)
     return figure
@@ -259,16 +191,6 @@ def trade_off(curves: Curves, document: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def _plain_ticks(axis: Any, values: NDArray[np.float64]) -> None:
-    """Label a logarithmic axis with round numbers and not with powers of ten."""
-    round_numbers = [m * 10.0**k for k in range(-3, 7) for m in (1, 2, 5)]
-    axis.set_major_locator(
-        mpl.ticker.FixedLocator([v for v in round_numbers if values[0] <= v <= values[-1]])
-    )
-    axis.set_major_formatter(mpl.ticker.FormatStrFormatter("%g"))
-    axis.set_minor_locator(mpl.ticker.NullLocator())
-
-
 def _title(document: Mapping[str, Any], text: str) -> str:
     return f"{text} - {literal(document['rig']['name'])}"
 
@@ -287,28 +209,6 @@ def _baseline_label(document: Mapping[str, Any]) -> str:
     )
 
 
-def response_figure(curves: Curves, title: str) -> Figure:
-    """Draw one simulated loop: gap, error and voltage below each other.
-
-    ``curves`` holds times, gap, reference [s, m, m] and commanded, applied [V].
-    """
-    figure = Figure(figsize=(WIDTH, 5.4), layout="constrained")
-    upper, middle, lower = figure.subplots(3, 1, sharex=True)
-    times, gap, reference = curves["times"], curves["gap"], curves["reference"]
-    upper.plot(times, 1e3 * gap, color=RED, label="gap $y$")
-    upper.plot(times, 1e3 * reference, color="black", lw=0.9, ls=":", label="reference $y^*$")
-    upper.set(ylabel="gap [mm]", title=literal(title))
-    upper.legend()
-    middle.plot(times, 1e6 * (gap - reference), color=RED)
-    middle.set(ylabel="error $e$ [µm]")
-    for name, colour, dash in (("commanded", BLUE, "--"), ("applied", RED, "-")):
-        lower.step(times[:-1], curves[name], where="post", color=colour, ls=dash, label=name)
-    lower.set(xlabel="time $t$ [s]", ylabel="voltage [V]")
-    lower.legend()
-    upper.margins(x=0)
-    return figure
-
-
 DRAWINGS = {
     "tracking": tracking,
     "error": error,
@@ -321,12 +221,16 @@ NEEDS = {"landscape": "landscape_objective", "trade_off": "pareto_certified"}
 """Curves without which a figure is left out."""
 
 
+def drawable(curves: Curves) -> tuple[str, ...]:
+    """Return the names of the figures that a record's curves suffice for."""
+    return tuple(name for name in DRAWINGS if NEEDS.get(name, "times") in curves)
+
+
 def design_figures(curves: Curves, document: Mapping[str, Any], folder: Path) -> tuple[Path, ...]:
     """Write every figure of a design record into `folder`; return the paths."""
-    names = [name for name in DRAWINGS if NEEDS.get(name, "times") in curves]
     written: list[Path] = []
     with house_style():
-        for name in names:
+        for name in drawable(curves):
             figure = DRAWINGS[name](curves, document)
             written += [save_figure(figure, folder / f"{name}{end}") for end in (".png", ".svg")]
     return tuple(written)

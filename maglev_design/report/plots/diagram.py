@@ -8,7 +8,7 @@ from typing import Any
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch
 
-from maglev_design.report.plots import BLUE, GREY, RED, WIDTH
+from maglev_design.report.plots.style import BLUE, GREY, RED, WIDTH
 
 INK = "#222222"
 Point = tuple[float, float]

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from maglev_design.report.plots import (
+from maglev_design.report.plots.style import (
     BLUE,
     GREEN,
     ORANGE,
