@@ -41,7 +41,10 @@ LARGEST_SHOWN = 10**30
 
 
 def _quantity(unit: str, text: str, **limits: Any) -> Any:
-    """Return the pydantic field of one number: its unit, its meaning and its bounds."""
+    """Return the pydantic field of one number: its unit, its meaning and its bounds.
+
+    Formulas in the meaning stand between backticks.
+    """
     return Field(description=f"{text} [{unit}]", json_schema_extra={"unit": unit}, **limits)
 
 
@@ -58,30 +61,30 @@ class Section(BaseModel):
 class PlantParameters(Section):
     """The ball and the coil, eqs. (1)-(2)."""
 
-    mass: Number = _quantity("kg", "m, mass of the ball", gt=0)
-    gravity: Number = _quantity("m/s^2", "g, gravitational acceleration", gt=0)
-    current_gain: Number = _quantity("A/V", "C, coil current per input voltage", gt=0)
+    mass: Number = _quantity("kg", "`m`, mass of the ball", gt=0)
+    gravity: Number = _quantity("m/s^2", "`g`, gravitational acceleration", gt=0)
+    current_gain: Number = _quantity("A/V", "`C`, coil current per input voltage", gt=0)
     force_constant: Number = _quantity(
-        "N m^2/A^2", "K, force K i^2/(y + y0)^2 of the magnet on the ball", gt=0
+        "N m^2/A^2", "`K`, force `K i^2/(y + y0)^2` of the magnet on the ball", gt=0
     )
     gap_offset: Number = _quantity(
-        "m", "y0, magnetic offset added to the measured gap", default=0.0, ge=0, le=LONGEST_GAP
+        "m", "`y0`, magnetic offset added to the measured gap", default=0.0, ge=0, le=LONGEST_GAP
     )
 
 
 class OperatingPoint(Section):
     """The equilibrium around which the controller is designed, eq. (5)."""
 
-    gap: Number = _quantity("m", "Y, gap of the equilibrium", gt=0, le=LONGEST_GAP)
+    gap: Number = _quantity("m", "`Y`, gap of the equilibrium", gt=0, le=LONGEST_GAP)
     voltage: Number | None = _quantity(
-        "V", "U, measured voltage that holds the ball at Y", default=None, gt=0
+        "V", "`U`, measured voltage that holds the ball at `Y`", default=None, gt=0
     )
 
 
 class InitialState(Section):
     """The ball when the controller is switched on."""
 
-    gap: Number = _quantity("m", "y(0), initial gap", gt=0, le=LONGEST_GAP)
+    gap: Number = _quantity("m", "`y(0)`, initial gap", gt=0, le=LONGEST_GAP)
     velocity: Number = _quantity("m/s", "initial velocity, positive downwards", default=0.0)
 
 
@@ -90,8 +93,8 @@ class ReferencePath(Section):
 
     start_gap: Number = _quantity("m", "gap before the move", gt=0, le=LONGEST_GAP)
     end_gap: Number = _quantity("m", "gap after the move", gt=0, le=LONGEST_GAP)
-    start_time: Number = _quantity("s", "t_i, start of the move", ge=0)
-    end_time: Number = _quantity("s", "t_f, end of the move", gt=0)
+    start_time: Number = _quantity("s", "`t_i`, start of the move", ge=0)
+    end_time: Number = _quantity("s", "`t_f`, end of the move", gt=0)
     horizon: Number = _quantity(
         "s", "end of the simulation and of the metrics", gt=0, le=LONGEST_HORIZON
     )
@@ -114,7 +117,7 @@ class ReferencePath(Section):
 class Sampling(Section):
     """The sampled controller."""
 
-    period: Number = _quantity("s", "T, sampling period", gt=0, le=LONGEST_PERIOD)
+    period: Number = _quantity("s", "`T`, sampling period", gt=0, le=LONGEST_PERIOD)
     delay: Number = _quantity(
         "s", "time from a sample to the voltage computed from it", default=0.0, ge=0, le=1.0
     )
@@ -299,7 +302,7 @@ class Uncertainty(Section):
     """
 
     beta: Number = _quantity(
-        "-", "u: beta_c/beta may be anywhere in [1 - u, 1 + u]", default=0.0, ge=0, lt=1
+        "-", "`u`: `beta_c/beta` may be anywhere in `[1 - u, 1 + u]`", default=0.0, ge=0, lt=1
     )
     mass: Spread | None = _drawn("mass")
     current_gain: Spread | None = _drawn("current_gain")
@@ -349,12 +352,12 @@ class Uncertainty(Section):
 class Emulator(Section):
     """Effects that only the rig emulator adds; what is absent is as in the rest of the file."""
 
-    inductance: Number = _quantity("H", "L, coil inductance", default=0.0, ge=0)
-    resistance: Number = _quantity("ohm", "R, coil resistance", default=0.0, ge=0)
+    inductance: Number = _quantity("H", "`L`, coil inductance", default=0.0, ge=0)
+    resistance: Number = _quantity("ohm", "`R`, coil resistance", default=0.0, ge=0)
     sensor_step: Number = _quantity("m", "quantisation of the gap", default=0.0, ge=0)
     actuator_step: Number = _quantity("V", "quantisation of the voltage", default=0.0, ge=0)
     period: Number | None = _quantity(
-        "s", "T on the emulated rig", default=None, gt=0, le=LONGEST_PERIOD
+        "s", "`T` on the emulated rig", default=None, gt=0, le=LONGEST_PERIOD
     )
     delay: Number | None = _quantity(
         "s", "delay from sample to voltage on the emulated rig", default=None, ge=0, le=1.0
@@ -639,11 +642,15 @@ def _unit_of(location: list[str]) -> str:
     if _model_at(names[:-1]) is Spread and names[-1] != "distribution":
         names = names[:-1]  # in the unit of what is spread
     info = _model_at(names[:-1]).model_fields.get(names[-1]) if names else None
-    return f" ({info.description})" if info is not None and info.description else ""
+    described = info.description.replace("`", "") if info is not None and info.description else ""
+    return f" ({described})" if described else ""
 
 
 def fields(model: type[BaseModel] = Rig, prefix: str = "") -> Iterator[tuple[str, str, str]]:
-    """Yield every field of a rig as ``(dotted name, unit, meaning)``, for documentation."""
+    """Yield every field of a rig as ``(dotted name, unit, meaning)``, for documentation.
+
+    Formulas in the meaning stand between backticks.
+    """
     for name, info in model.model_fields.items():
         inner = info.annotation
         if isinstance(inner, type) and issubclass(inner, BaseModel):

@@ -576,7 +576,7 @@ def test_every_field_has_a_unit_and_a_meaning() -> None:
     assert sorted(listed) == sorted(leaves(Rig))
     assert {unit for unit, _ in listed.values()} <= UNITS
     assert min(len(meaning) for _, meaning in listed.values()) > 3
-    assert listed["plant.mass"] == ("kg", "m, mass of the ball")
+    assert listed["plant.mass"] == ("kg", "`m`, mass of the ball")
     assert listed["limits.voltage"] == ("V", "actuator range")
 
 

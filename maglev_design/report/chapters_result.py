@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from maglev_design.record import DesignRecord
+from maglev_design.report import prose
 from maglev_design.report.commands import REPORT, tune_command
 from maglev_design.report.content import (
     Block,
@@ -366,20 +367,18 @@ def certificate_chapter(record: DesignRecord) -> Section | None:
 
 CAPTIONS: Mapping[str, Runs] = {
     "tracking": ("Gap and reference, each loop at its own worst ratio.",),
-    "error": (
+    "error": prose.runs(
         "Tracking error: the start on the left, where the initial error dies out, and the rest on "
-        "the right, in another scale, where what is left is the ramp error of a wrong beta.",
+        "the right, in another scale, where what is left is the ramp error of a wrong `beta`."
     ),
     "voltage": ("Commanded voltage; dotted is the actuator's range.",),
     "landscape": (
         "The worst case over the whole search box: darker is better. Lines are the limits, the "
         "star is the design, the disc the yardstick.",
     ),
-    "trade_off": (
+    "trade_off": prose.runs(
         "What robustness costs: each point is a placement that keeps every limit, with the error "
-        "of ",
-        Maths(r"\beta"),
-        " up to which the sampled loop is proved stable.",
+        "of `beta` up to which the sampled loop is proved stable."
     ),
 }
 """The figures of a design by their names in :mod:`maglev_design.report.plots.design`."""

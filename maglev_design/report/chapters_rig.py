@@ -8,6 +8,7 @@ from typing import Any
 from maglev_design.choices import Equilibrium
 from maglev_design.parameters import fields
 from maglev_design.record import DesignRecord
+from maglev_design.report import prose
 from maglev_design.report.commands import (
     REPORT,
     RIG_FILE,
@@ -32,9 +33,10 @@ from maglev_design.report.content import (
 from maglev_design.report.words import GAIN_UNITS
 
 READINGS: dict[Equilibrium, str] = {
-    "model": "U is computed from the controller's own beta",
-    "appendix-a": "U is measured, and C_U and C_Y follow from it and from the controller's beta",
-    "measured": "U is measured, and C_U and C_Y follow from it without any beta",
+    "model": "`U` is computed from the controller's own `beta`",
+    "appendix-a": "`U` is measured, and `C_U` and `C_Y` follow from it and from the controller's "
+    "`beta`",
+    "measured": "`U` is measured, and `C_U` and `C_Y` follow from it without any `beta`",
 }
 METHODS = {"tustin": "the bilinear transformation", "euler": "the forward Euler rule"}
 METHODS |= {"zoh": "the step-invariant transformation"}
@@ -47,7 +49,7 @@ EQUATION_UNITS |= {"f_y": "V/m", "f_a": "V s^2/m", "x1_max": "m s"}
 def rig_chapter(record: DesignRecord) -> Section:
     """Return the rig's numbers with units, and where they are from."""
     rig = record.document["rig"]
-    rows = tuple((c, (meaning,), value) for c, meaning, value in _rig_rows(rig))
+    rows = tuple((c, prose.runs(meaning), value) for c, meaning, value in _rig_rows(rig))
     says = [Paragraph(("The rig is ", rig["name"], ". All quantities are in SI units."))]
     for key, start in (("source", "Source of the values: "), ("notes", "What they do not claim: ")):
         if rig.get(key):
@@ -142,7 +144,9 @@ def scheme_chapter(record: DesignRecord) -> Section:
         (
             "The controller in continuous time. Reading of the equilibrium: ",
             Code(design.equilibrium),
-            f", {READINGS[design.equilibrium]}.",
+            ", ",
+            *prose.runs(READINGS[design.equilibrium]),
+            ".",
         ),
         (("letter",), ("meaning",), ("value",)),
         tuple(rows),

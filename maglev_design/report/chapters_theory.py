@@ -8,6 +8,7 @@ from maglev_design import design as designs
 from maglev_design.design import believed_equilibrium, path_gaps, plant_beta, true_equilibrium
 from maglev_design.programs import program
 from maglev_design.record import DesignRecord
+from maglev_design.report import prose
 from maglev_design.report.commands import DERIVE, REPORT
 from maglev_design.report.content import (
     Block,
@@ -191,7 +192,7 @@ def derivation_chapters(record: DesignRecord, derivation: Derivation) -> tuple[S
             blocks += [
                 Paragraph((Strong(f"{step.title}."),)),
                 Formula(step.rows, step.id),
-                Paragraph((step.reason + proved,)),
+                Paragraph((*prose.runs(step.reason), proved)),
             ]
         chapters.append(Section(title, tuple(blocks), 2))
         if any(block.tag == "A7-routh" for block in blocks if isinstance(block, Formula)):
@@ -204,7 +205,7 @@ def derivation_chapters(record: DesignRecord, derivation: Derivation) -> tuple[S
             (
                 (Maths(latex),),
                 ("–",) if unit == "-" else (Maths(unit_latex(unit)),),  # noqa: RUF001 - a dash
-                (meaning,),
+                prose.runs(meaning),
             )
             for latex, unit, meaning in derivation.symbols
         ),

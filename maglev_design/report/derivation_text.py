@@ -1,6 +1,7 @@
 """The derivation as a text for the terminal, as markdown or as a LaTeX document.
 
-Names, titles and reasons are data: they are escaped for the format, never interpreted by it.
+Names, titles and reasons are data: they are escaped for the format, never interpreted by it; in
+reasons and meanings formulas stand between backticks (:mod:`maglev_design.report.prose`).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import sympy as sp
 from sympy import Expr, Symbol
 
 from maglev_design.errors import InputError
+from maglev_design.report import prose
 from maglev_design.report.escape import latex_text, markdown_maths, markdown_text
 from maglev_design.report.words import unit_latex
 from maglev_design.symbolic.derivation_terms import Equation, Line
@@ -119,7 +121,7 @@ def records(equations: Sequence[Equation], symbols: Sequence[Entry]) -> list[dic
             "title": equation.title,
             "latex": equation_latex(equation, symbols),
             "text": "; ".join(_plain(line) for line in equation.lines),
-            "reason": equation.reason,
+            "reason": prose.plain(equation.reason),
             "residual": None if equation.residual is None else str(equation.residual),
         }
         for equation in equations
@@ -160,7 +162,7 @@ def _text(equations: Sequence[Equation], symbols: Sequence[Entry]) -> str:
             out += [f"({equation.id}) {equation.title}"]
             for line in equation.lines:
                 out += _wrapped(_plain(line), "    ", "        ")
-            out += _wrapped(equation.reason, "  Why: ", "  ")
+            out += _wrapped(prose.plain(equation.reason), "  Why: ", "  ")
             out += _wrapped(_verdict(equation), "  Residual: ", "  ")
             out += [""]
     out += ["Symbols", "-------", ""]
@@ -168,7 +170,7 @@ def _text(equations: Sequence[Equation], symbols: Sequence[Entry]) -> str:
     wide = max((len(name) for name in names), default=0)
     units = max((len(entry.unit) for entry in symbols), default=0)
     out += [
-        f"{name:<{wide}}  {entry.unit:<{units}}  {entry.meaning}"
+        f"{name:<{wide}}  {entry.unit:<{units}}  {prose.plain(entry.meaning)}"
         for name, entry in zip(names, symbols, strict=True)
     ]
     return "\n".join(out) + "\n"
@@ -243,7 +245,7 @@ def _markdown(equations: Sequence[Equation], symbols: Sequence[Entry]) -> str:
                 f"{formula} \\tag{{{equation.id}}}",
                 "$$",
                 "",
-                markdown_text(equation.reason),
+                prose.markdown(equation.reason),
                 "",
                 f"Residual: {markdown_text(_verdict(equation))}",
                 "",
@@ -251,7 +253,7 @@ def _markdown(equations: Sequence[Equation], symbols: Sequence[Entry]) -> str:
     out += ["## Symbols", "", "| symbol | unit | meaning |", "| --- | --- | --- |"]
     out += [
         f"| ${markdown_maths(entry.latex)}$ | {_markdown_unit(entry.unit)} "
-        f"| {markdown_text(entry.meaning)} |"
+        f"| {prose.markdown(entry.meaning)} |"
         for entry in symbols
     ]
     return "\n".join(out) + "\n"
@@ -275,7 +277,7 @@ def _latex(equations: Sequence[Equation], symbols: Sequence[Entry]) -> str:
                 r"\begin{equation*}",
                 f"{equation_latex(equation, symbols)} \\tag{{{latex_text(equation.id)}}}",
                 r"\end{equation*}",
-                f"{latex_text(equation.reason)}",
+                prose.latex(equation.reason),
                 "",
                 rf"\emph{{Residual: {latex_text(_verdict(equation))}}}",
                 "",
@@ -288,7 +290,7 @@ def _latex(equations: Sequence[Equation], symbols: Sequence[Entry]) -> str:
         r"\endhead",
     ]
     out += [
-        f"${entry.latex}$ & {_latex_unit(entry.unit)} & {latex_text(entry.meaning)} \\\\[2pt]"
+        f"${entry.latex}$ & {_latex_unit(entry.unit)} & {prose.latex(entry.meaning)} \\\\[2pt]"
         for entry in symbols
     ]
     out += [r"\end{longtable}", r"\end{document}"]

@@ -6,7 +6,7 @@ import re
 import unicodedata
 
 _MARKDOWN_SPECIAL = re.compile(r"([\\`*_{}\[\]<>#|$~^&!])")
-_MARKDOWN_MARK = re.compile(r"^(\s*\d*)([-+=.)])(?=[\s=-]|$)")
+_MARKDOWN_MARK = re.compile(r"^(\s*)(?=[-+=](?:[\s=-]|$))|^(\s*\d+)(?=[.)](?:\s|$))")
 
 _LATEX_SPECIAL = {
     "\\": r"\textbackslash{}",
@@ -70,12 +70,13 @@ _ACCENTS = {
     "\u030c": "v",
     "\u0327": "c",
 }
-_GREEK_NAMES = (
+GREEK_NAMES = (
     *("alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "iota", "kappa"),
     *("lambda", "mu", "nu", "xi", "", "pi", "rho", "varsigma", "sigma", "tau", "upsilon"),
     *("phi", "chi", "psi", "omega"),
 )
-_GREEK = {chr(0x3B1 + n): name for n, name in enumerate(_GREEK_NAMES) if name}
+"""From alpha on; empty for omicron, which LaTeX writes as an o."""
+_GREEK = {chr(0x3B1 + n): name for n, name in enumerate(GREEK_NAMES) if name}
 
 
 def one_line(text: str) -> str:
@@ -125,7 +126,7 @@ def markdown_text(text: str) -> str:
     >>> markdown_text("<b> *d*")
     '\\<b\\> \\*d\\*'
     """
-    return _MARKDOWN_MARK.sub(r"\1\\\2", _MARKDOWN_SPECIAL.sub(r"\\\1", text))
+    return _MARKDOWN_MARK.sub(r"\1\2\\", _MARKDOWN_SPECIAL.sub(r"\\\1", text))
 
 
 def markdown_code(text: str) -> str:

@@ -47,7 +47,7 @@ def reference() -> Steps:
             "Bezier step of order 16",
             [(d.phi, ref.tau**8 * series), (ref.tau, ratio)],
             "The Bezier polynomial whose first eight control values are 0 and the others 1, in "
-            "powers of tau; constant before and after the move.",
+            "powers of `tau`; constant before and after the move.",
             checks=[
                 sp.expand(stated - step.value),
                 step.value.subs(ref.tau, 0),
@@ -109,8 +109,8 @@ def _ends(step: ref.BezierStep) -> d.Equation:
         REFERENCE,
         "Flatness at both ends",
         [(d.flat_start, sp.Integer(at_start)), (d.flat_end, sp.Integer(at_end))],
-        "Near 0 the step grows like tau to the power 8, so its first 7 derivatives vanish there; "
-        "near 1 it closes like 1 - tau to the power 9, so 8 vanish. All that start and end "
+        "Near 0 the step grows like `tau^8`, so its first 7 derivatives vanish there; "
+        "near 1 it closes like `(1 - tau)^9`, so 8 vanish. All that start and end "
         "smoothly need is more than two.",
         checks=[sp.Integer(at_start - 7), sp.Integer(at_end - 8), *checks],
     )
@@ -145,8 +145,8 @@ def _general_order() -> d.Equation:
         "Bezier step of any order",
         [(d.phi, sp.Sum(bernstein, (d.index, d.leading, d.order_n))), (d.dphi, slope)],
         "The derivative of the sum telescopes to one term, which never changes sign: the step is "
-        "monotone, with p - 1 derivatives zero at the start and N - p at the end. Checked for "
-        "several orders N and leading zeros p.",
+        "monotone, with `p - 1` derivatives zero at the start and `N - p` at the end. Checked for "
+        "several orders `N` and leading zeros `p`.",
         checks=checks,
     )
 
@@ -172,9 +172,9 @@ def wrong_beta(plant: p.Plant, lin: Linearisation, flat: FlatModel) -> Steps:
             APPENDIX,
             "The law with the controller's coefficients",
             [(p.u_d, law.feedback), (d.u_dr, law.feedforward), (d.v_hat, law.estimate)],
-            "The law (20) with hats. Corrected: the printed gammas carry a second 1/C_U_hat and, "
-            "in gamma_1, what belongs to the solved form (A2); inside the bracket of (A1) stand "
-            "k3, k2 + C_Y_hat, k1 and k0.",
+            "The law (20) with hats. Corrected: the printed gammas carry a second `1/C_U_hat` and, "
+            "in `gamma_1`, what belongs to the solved form (A2); inside the bracket of (A1) stand "
+            "`k3`, `k2 + C_Y_hat`, `k1` and `k0`.",
             checks=[
                 correction - g_hat / p.C_U_hat,
                 correction - believed(tan_gpi().core.transfer(p.s)),
@@ -189,10 +189,10 @@ def wrong_beta(plant: p.Plant, lin: Linearisation, flat: FlatModel) -> Steps:
                 (p.u_d, feedback),
                 (d.R, rest),
             ],
-            "Apply the operator, s for d/dt, and solve. Corrected: the printed (A2) pulls "
-            "C_Y_hat/C_U_hat out of a bracket of which it is a factor of the gap alone. With the "
-            "gap instead of the reference gap in front, C_Y_hat leaves the fraction: the gammas "
-            "of (A2) to (A7) are k2, k1 and k0.",
+            "Apply the operator, `s` for `d/dt`, and solve. Corrected: the printed (A2) pulls "
+            "`C_Y_hat/C_U_hat` out of a bracket of which it is a factor of the gap alone. With the "
+            "gap instead of the reference gap in front, `C_Y_hat` leaves the fraction: the gammas "
+            "of (A2) to (A7) are `k2`, `k1` and `k0`.",
             checks=[
                 g_hat - p.C_Y_hat - rest,
                 from_law - feedback.subs(d.R, rest),
@@ -231,9 +231,9 @@ def _one_ratio(plant: p.Plant, lin: Linearisation, loop: Expr, simple: Expr) -> 
             (p.C_Y / p.C_Y_hat, d.mu),
             (d.mu, p.beta / p.beta_c),
         ],
-        "With U measured (reading appendix-a) both coefficients are proportional to beta, their "
-        "ratios are equal and the term in the gap cancels. With U computed from the controller's "
-        "beta they are not, and (A4) does not hold.",
+        "With `U` measured (reading appendix-a) both coefficients are proportional to `beta`, "
+        "their ratios are equal and the term in the gap cancels. With `U` computed from the "
+        "controller's `beta` they are not, and (A4) does not hold.",
         checks=[
             lin.C_U / c_u - p.beta / p.beta_c,
             lin.C_Y / c_y - p.beta / p.beta_c,
@@ -264,7 +264,7 @@ def stability() -> Steps:
             APPENDIX,
             "From the disturbance to the error",
             [(d.E_s, stated)],
-            "Transform (A4) from rest and solve for the error. The s in the numerator lets a "
+            "Transform (A4) from rest and solve for the error. The `s` in the numerator lets a "
             "constant disturbance leave no error, if the denominator is Hurwitz.",
             checks=[error - stated, from_loop - polynomial, (stated / d.F_s).subs(p.s, 0)],
         ),
@@ -308,9 +308,9 @@ def _routh() -> d.Equation:
             *zip(d.D, conditions, strict=True),
             *((symbol, sp.Integer(0), ">") for symbol in d.D),
         ],
-        "The plant at the actual gap has its own coefficients, C_U' and C_Y'; of the voltage "
-        "coefficients only their ratio rho enters. The loop is stable when the four determinants "
-        "of its polynomial s^4 + a3 s^3 + a2 s^2 + a1 s + a0 are positive.",
+        "The plant at the actual gap has its own coefficients, `C_U'` and `C_Y'`; of the voltage "
+        "coefficients only their ratio `rho` enters. The loop is stable when the four determinants "
+        "of its polynomial `s^4 + a3 s^3 + a2 s^2 + a1 s + a0` are positive.",
         checks=[
             *(minor - condition for minor, condition in zip(minors, conditions, strict=True)),
             loop - p.s**4 - sum(c * p.s ** (3 - n) for n, c in powers),
@@ -340,7 +340,7 @@ def _general_condition(designed: dict[sp.Symbol, Expr]) -> d.Equation:
             (d.D[3], p.rho * p.k0 * d.D[2]),
             (d.margin, margin),
         ],
-        "With the gains (25) the first two determinants are positive whatever beta and the gap "
+        "With the gains (25) the first two determinants are positive whatever `beta` and the gap "
         "are, the third is their product times the margin of the inequality and the fourth has "
         "the sign of the third: the inequality is necessary and sufficient.",
         checks=[

@@ -92,8 +92,8 @@ def state_feedback(flat: FlatModel) -> Steps:
             FEEDBACK,
             "State feedback with integral",
             [(p.u_d, law)],
-            "Wish for an error acceleration of minus k3 times the velocity error, k2 times the "
-            "error and k1 times its integral, and solve (13) for the voltage that gives it.",
+            "Wish for an error acceleration of minus `k3` times the velocity error, `k2` times the "
+            "error and `k1` times its integral, and solve (13) for the voltage that gives it.",
             checks=[law - solved],
         ),
         d.proved(
@@ -101,7 +101,7 @@ def state_feedback(flat: FlatModel) -> Steps:
             FEEDBACK,
             "Its error dynamics",
             [(third, sp.Integer(0))],
-            "Insert (14) in (13); the coefficient C_Y cancels. Differentiate once to be rid of "
+            "Insert (14) in (13); the coefficient `C_Y` cancels. Differentiate once to be rid of "
             "the integral.",
             checks=[_differentiated(loop, 1) - _in_time(third, 1)],
         ),
@@ -157,8 +157,8 @@ def reconstruction(flat: FlatModel) -> Steps:
             GPI,
             "Velocity by integration",
             [(p.v_d, velocity)],
-            "Integrate (10) once from 0 to t; checked in Laplace's variable, where the initial "
-            "velocity enters as its value over s.",
+            "Integrate (10) once from 0 to `t`; checked in Laplace's variable, where the initial "
+            "velocity enters as its value over `s`.",
             checks=[velocity.subs(transform) - transformed],
         ),
         d.proved(
@@ -281,10 +281,10 @@ def bounded_form(flat: FlatModel) -> Steps:
             GPI,
             "The law with two bounded states",
             [(d.dx1, rates[0]), (d.dx2, rates[1]), (p.C_U * d.w, sp.expand(p.C_U * voltage))],
-            "Partial fractions of G(s): an integrator and a lag at -k3. Its transfer function is "
-            "G(s), so from a zero start it is the law (20); with the plant it makes four states "
-            "whose polynomial is p(s), nothing hidden, so both stay bounded. It is the form that "
-            "is run and exported.",
+            "Partial fractions of `G(s)`: an integrator and a lag at `-k3`. Its transfer function "
+            "is `G(s)`, so from a zero start it is the law (20); with the plant it makes four "
+            "states whose polynomial is `p(s)`, nothing hidden, so both stay bounded. It is the "
+            "form that is run and exported.",
             checks=[
                 p.C_U * core.transfer(p.s) - gpi_transfer(FOUR),
                 core.transfer(p.s) - law.correction(),
@@ -322,8 +322,8 @@ def gains() -> Steps:
             GAINS,
             "Desired polynomial",
             [(d.poly_des, desired)],
-            "A choice: two equal pole pairs. The paper's middle term lacks its s, restored here; "
-            "without it the expression is not a quadratic in s, and (25) does not follow.",
+            "A choice: two equal pole pairs. The paper's middle term lacks its `s`, restored here; "
+            "without it the expression is not a quadratic in `s`, and (25) does not follow.",
             checks=[(p.s**2 + 2 * p.zeta * p.omega_n * p.s + p.omega_n**2) ** 2 - desired],
         ),
         d.proved(
@@ -360,7 +360,7 @@ def _any_order() -> Steps:
             "The law for any order",
             [(d.G, laws[5]), (d.poly_n, _monic(5))],
             "Each further integral of the error raises the order by one; shown for order 5, "
-            "checked for orders 3 to 6. The plant's C_Y cancels and the gains are the "
+            "checked for orders 3 to 6. The plant's `C_Y` cancels and the gains are the "
             "coefficients of the closed loop's polynomial.",
             checks=[_loop_of(law) - _monic(n) for n, law in laws.items()],
         ),

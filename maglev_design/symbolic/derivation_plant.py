@@ -37,7 +37,7 @@ def model(plant: p.Plant) -> Steps:
             "Newton's second law for the ball",
             [(p.m * p.acc, plant.force_balance)],
             "Postulate: gravity pulls down, the magnet pulls up with the square of current over "
-            "gap. The offset y0 is not in the paper (y0 = 0 gives its form); on many real rigs "
+            "gap. The offset `y0` is not in the paper (`y0 = 0` gives its form); on many real rigs "
             "the force does not grow without bound at the mechanical zero of the gap.",
         ),
         d.defined(
@@ -60,7 +60,7 @@ def model(plant: p.Plant) -> Steps:
             MODEL,
             "Plant with one parameter",
             [(p.acc, plant.acceleration), (p.beta, plant.beta)],
-            "Collect the three constants of (3) in beta: only their combination acts.",
+            "Collect the three constants of (3) in `beta`: only their combination acts.",
             checks=[plant.acceleration.subs(p.beta, plant.beta) - normalised],
         ),
     ]
@@ -121,7 +121,7 @@ def linearisation(plant: p.Plant, lin: Linearisation) -> Steps:
             TANGENT,
             "Plant as an implicit equation",
             [(d.F, lin.implicit), (d.F, sp.Integer(0))],
-            "Bring all of (4) to one side; F is zero on every motion of the plant.",
+            "Bring all of (4) to one side; `F` is zero on every motion of the plant.",
             checks=[
                 p.acc - p.g + p.beta * p.u**2 / (p.y + p.y0) ** 2 - lin.implicit,
                 lin.implicit.subs(p.acc, plant.acceleration),
@@ -132,7 +132,7 @@ def linearisation(plant: p.Plant, lin: Linearisation) -> Steps:
             TANGENT,
             "F at the equilibrium",
             [(d.F_0, lin.implicit.subs(rest)), (d.F_0, sp.Integer(0))],
-            "Evaluate (6) at rest and insert U from (5).",
+            "Evaluate (6) at rest and insert `U` from (5).",
             checks=[
                 -p.g + p.beta * p.U**2 / gap**2 - lin.implicit.subs(rest),
                 lin.implicit.subs(rest).subs(at_voltage),
@@ -188,8 +188,8 @@ def linear_plant(plant: p.Plant, lin: Linearisation, flat: FlatModel) -> Steps:
             TANGENT,
             "Coefficients without beta",
             [(p.C_U, lin.C_U_rest), (p.C_Y, lin.C_Y_rest)],
-            "Eliminate beta with (7). A measured pair of gap and voltage at rest gives both "
-            "coefficients: a design from it needs no beta at all.",
+            "Eliminate `beta` with (7). A measured pair of gap and voltage at rest gives both "
+            "coefficients: a design from it needs no `beta` at all.",
             checks=[
                 2 * p.g / p.U - lin.C_U_rest,
                 2 * p.g / gap - lin.C_Y_rest,
@@ -218,9 +218,9 @@ def _readings(plant: p.Plant, lin: Linearisation) -> d.Equation:
         TANGENT,
         "What a controller with its own beta believes",
         [line for pair in pairs for line in zip((p.C_U_hat, p.C_Y_hat), pair, strict=True)],
-        "Three readings, two lines each: U computed from the controller's beta (model), U "
-        "measured and the coefficients from (10) (appendix-a), U measured and the coefficients "
-        "from rest (measured). With the true beta all three are (10).",
+        "Three readings, two lines each: `U` computed from the controller's `beta` (model), `U` "
+        "measured and the coefficients from (10) (appendix-a), `U` measured and the coefficients "
+        "from rest (measured). With the true `beta` all three are (10).",
         checks=checks,
     )
 
@@ -268,7 +268,7 @@ def flatness(plant: p.Plant, lin: Linearisation, flat: FlatModel) -> Steps:
             FLAT,
             "The nonlinear plant is flat, too",
             [(p.u, flat.nonlinear_input)],
-            "Solve (4) for the positive voltage; it exists while the acceleration stays below g.",
+            "Solve (4) for the positive voltage; it exists while the acceleration stays below `g`.",
             checks=[
                 plant.acceleration.subs(p.u, flat.nonlinear_input) - p.acc,
                 flat.nonlinear_input.subs({p.acc: 0, p.y: p.Y}) - plant.equilibrium_voltage,
@@ -287,9 +287,9 @@ def _static_feedforward(plant: p.Plant, lin: Linearisation) -> d.Equation:
         FLAT,
         "The static feedforward is exact",
         [(p.C_Y / p.C_U, sp.cancel(lin.C_Y / lin.C_U)), (d.u_rest, held)],
-        "At rest (11) asks for U plus C_Y/C_U times the increment. The ratio is U/(Y + y0), so "
-        "the sum is the equilibrium voltage of the nonlinear plant (4) at the reference gap, "
-        "however far from Y that is.",
+        "At rest (11) asks for `U` plus `C_Y/C_U` times the increment. The ratio is `U/(Y + y0)`, "
+        "so the sum is the equilibrium voltage of the nonlinear plant (4) at the reference gap, "
+        "however far from `Y` that is.",
         checks=[
             lin.C_Y / lin.C_U - p.U / (p.Y + p.y0),
             p.U + p.U / (p.Y + p.y0) * (p.y_ref - p.Y) - held,

@@ -38,8 +38,8 @@ def sampling() -> list[d.Equation]:
             SAMPLED,
             "Sampled law, bilinear",
             [(d.tustin_w, d.G), (p.s, images["tustin"])],
-            "The trapezoidal rule for both states: G(s) with this image of s, which maps the left "
-            "half plane into the unit disk.",
+            "The trapezoidal rule for both states: `G(s)` with this image of `s`, which maps the "
+            "left half plane into the unit disk.",
             checks=[sampled("tustin") - continuous.subs(p.s, images["tustin"])],
         ),
         d.proved(
@@ -47,7 +47,7 @@ def sampling() -> list[d.Equation]:
             SAMPLED,
             "Sampled law, forward Euler",
             [(d.euler_w, d.G), (p.s, images["euler"])],
-            "Each state moves along its rate for one period: G(s) with this image of s.",
+            "Each state moves along its rate for one period: `G(s)` with this image of `s`.",
             checks=[sampled("euler") - continuous.subs(p.s, images["euler"])],
         ),
         _step_invariant(sampled("zoh")),
@@ -74,7 +74,7 @@ def _step_invariant(sampled: Expr) -> d.Equation:
         SAMPLED,
         "Sampled law, step-invariant",
         [(d.zoh_w, stated)],
-        "Exact for an error held over the period: the samples of the step response of G(s), "
+        "Exact for an error held over the period: the samples of the step response of `G(s)`, "
         "divided by the transform of the step.",
         checks=[response / step - stated, p.C_U * sampled - stated],
     )
@@ -92,7 +92,7 @@ def _plant_without_delay() -> d.Equation:
         "Sampled plant",
         [(d.pulse, -p.C_U_true * stated)],
         "The linear plant at the actual gap behind a zero-order hold, from the matrix "
-        "exponential over one period. Its poles are those of the plant, exp(+-sqrt(C_Y') T).",
+        "exponential over one period. Its poles are those of the plant, `exp(+-sqrt(C_Y') T)`.",
         checks=[
             _rational(stated - now),
             _rational(stated) - _held_plant().subs(_EXP_PART, 1),
@@ -117,7 +117,7 @@ def _plant_with_delay() -> d.Equation:
             ),
             *zip(d.b, numerator, strict=True),
         ],
-        "For a time T_1 the voltage of the sample before still acts: two inputs, the fresh one "
+        "For a time `T_1` the voltage of the sample before still acts: two inputs, the fresh one "
         "and the one kept for a step, both from the matrix exponential.",
         checks=[_held_plant() - _rational(_ratio(numerator, denominator))],
     )

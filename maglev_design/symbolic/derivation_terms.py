@@ -125,24 +125,24 @@ def _symbol(name: str, latex: str, unit: str, meaning: str) -> Symbol:
 
 
 F = _symbol("F", "F", "m/s^2", "left side of (6), zero on every motion")
-F_0 = _symbol("F(0,Y,U)", "F(0, Y, U)", "m/s^2", "F at the equilibrium")
+F_0 = _symbol("F(0,Y,U)", "F(0, Y, U)", "m/s^2", "`F` at the equilibrium")
 F_moved = _symbol(
     "F(acc_d,Y+y_d,U+u_d)",
     r"F(\ddot{y}_\delta, Y + y_\delta, U + u_\delta)",
     "m/s^2",
-    "F near the equilibrium",
+    "`F` near the equilibrium",
 )
-F_acc = _symbol("dF/dacc", r"F_{\ddot{y}}", "-", "slope of F in the acceleration, at rest")
-F_y = _symbol("dF/dy", "F_y", "1/s^2", "slope of F in the gap, at rest")
-F_u = _symbol("dF/du", "F_u", "m/(s^2 V)", "slope of F in the voltage, at rest")
+F_acc = _symbol("dF/dacc", r"F_{\ddot{y}}", "-", "slope of `F` in the acceleration, at rest")
+F_y = _symbol("dF/dy", "F_y", "1/s^2", "slope of `F` in the gap, at rest")
+F_u = _symbol("dF/du", "F_u", "m/(s^2 V)", "slope of `F` in the voltage, at rest")
 second_order = _symbol("O(2)", r"O(2)", "m/s^2", "terms of second and higher order")
 ctrb = _symbol("[B,A*B]", r"\left[B,\, A B\right]", "mixed", "controllability matrix of (10)")
 ctrb_det = _symbol("det[B,A*B]", r"\det\left[B,\, A B\right]", "m^2/(s^4 V^2)", "its determinant")
-output_0 = _symbol("c*B", "c B", "m/(s V)", "output row times input column, c the row of y_d")
+output_0 = _symbol("c*B", "c B", "m/(s V)", "output row times input column, `c` the row of `y_d`")
 output_1 = _symbol("c*A*B", "c A B", "m/(s^2 V)", "the same, one derivative later")
 u_rest = _symbol("u_rest", r"\bar{u}", "V", "voltage that holds the ball at the reference gap")
 
-y_dr = _symbol("y_d*", r"y^*_\delta", "m", "incremental reference gap, y^* - Y")
+y_dr = _symbol("y_d*", r"y^*_\delta", "m", "incremental reference gap, `y^* - Y`")
 u_dr = _symbol("u_d*", r"u^*_\delta", "V", "incremental voltage along the reference")
 e1 = _symbol("e'", r"\dot{e}", "m/s", "first derivative of the error")
 e2 = _symbol("e''", r"\ddot{e}", "m/s^2", "second derivative of the error")
@@ -167,36 +167,36 @@ v_hat = _symbol(
 
 poly = _symbol("p(s)", "p(s)", "1/s^4", "characteristic polynomial")
 poly_3 = _symbol("p_3(s)", "p_3(s)", "1/s^3", "characteristic polynomial of the state feedback")
-poly_n = _symbol("p_n(s)", "p_n(s)", "1/s^n", "characteristic polynomial of order n")
+poly_n = _symbol("p_n(s)", "p_n(s)", "1/s^n", "characteristic polynomial of order `n`")
 poly_des = _symbol("p_des(s)", r"p_{\mathrm{des}}(s)", "1/s^4", "desired polynomial")
 poly_6 = _symbol("p_6(s)", "p_6(s)", "1/s^6", "polynomial of the loop with (20) as printed")
-G = _symbol("G(s)", "G(s)", "1/s^2", "transfer function of the law (20), e to C_U (u_d - u_d*)")
+G = _symbol("G(s)", "G(s)", "1/s^2", "transfer function of the law (20), `e` to `C_U (u_d - u_d*)`")
 G_hat = _symbol(
-    "G_hat(s)", r"\hat{G}(s)", "1/s^2", "G with the coefficients the controller believes"
+    "G_hat(s)", r"\hat{G}(s)", "1/s^2", "`G` with the coefficients the controller believes"
 )
-R = _symbol("R(s)", "R(s)", "1/s^2", "what is left of G_hat without C_Y_hat")
+R = _symbol("R(s)", "R(s)", "1/s^2", "what is left of `G_hat` without `C_Y_hat`")
 x1 = _symbol("x1", "x_1", "m s", "integrating state of the bounded law")
 x2 = _symbol("x2", "x_2", "m s", "decaying state of the bounded law")
 dx1 = _symbol("x1'", r"\dot{x}_1", "m", "its derivative")
 dx2 = _symbol("x2'", r"\dot{x}_2", "m", "its derivative")
-w = _symbol("w", "w", "V", "voltage on top of the feedforward, u_d - u_d*")
+w = _symbol("w", "w", "V", "voltage on top of the feedforward, `u_d - u_d*`")
 
 zeta_3 = _symbol("zeta_3", r"\zeta_3", "-", "damping of the third pole pair")
 omega_3 = _symbol("omega_3", r"\omega_3", "rad/s", "frequency of the third pair")
-pole = _symbol("a", "a", "1/s", "real pole at -a")
+pole = _symbol("a", "a", "1/s", "real pole at `-a`")
 k4, k5 = gain_symbols(6)[4:]
-_EXTRA.append(p.Entry(k4, "k_4", "1/s^(n-4)", "gain of a law of order n"))
-_EXTRA.append(p.Entry(k5, "k_5", "1/s^(n-5)", "gain of a law of order n"))
+_EXTRA.append(p.Entry(k4, "k_4", "1/s^(n-4)", "gain of a law of order `n`"))
+_EXTRA.append(p.Entry(k5, "k_5", "1/s^(n-5)", "gain of a law of order `n`"))
 
 phi = _symbol("phi", r"\phi", "-", "step of the reference from 0 to 1")
-dphi = _symbol("phi'", r"\phi'", "-", "its derivative in tau")
-ddphi = _symbol("phi''", r"\phi''", "-", "its second derivative in tau")
+dphi = _symbol("phi'", r"\phi'", "-", "its derivative in `tau`")
+ddphi = _symbol("phi''", r"\phi''", "-", "its second derivative in `tau`")
 order_n = _symbol("N", "N", "-", "order of the Bezier polynomial")
 leading = _symbol("p", "p", "-", "number of leading control values that are 0")
 index = _symbol("j", "j", "-", "index of a sum")
 r = tuple(_symbol(f"r{n}", f"r_{n}", "-", f"coefficient {n} of (28)") for n in range(1, 10))
-flat_start = _symbol("n_0", "n_0", "-", "derivatives of phi that vanish at the start")
-flat_end = _symbol("n_1", "n_1", "-", "derivatives of phi that vanish at the end")
+flat_start = _symbol("n_0", "n_0", "-", "derivatives of `phi` that vanish at the start")
+flat_end = _symbol("n_1", "n_1", "-", "derivatives of `phi` that vanish at the end")
 _EXTRA += [
     p.Entry(ref.tau, r"\tau", "-", "time within the move, 0 to 1"),
     p.Entry(ref.start_gap, r"\bar{y}_i", "m", "gap before the move"),
@@ -206,13 +206,13 @@ _EXTRA += [
 ]
 
 mu = Symbol("mu", positive=True)
-_EXTRA.append(p.Entry(mu, r"\mu", "-", "beta/beta_c"))
-f = _symbol("f_d", r"f_\delta", "m/s^2", "disturbance that the wrong beta makes")
+_EXTRA.append(p.Entry(mu, r"\mu", "-", "`beta/beta_c`"))
+f = _symbol("f_d", r"f_\delta", "m/s^2", "disturbance that the wrong `beta` makes")
 E_s = _symbol("E(s)", "E(s)", "m s", "Laplace transform of the error")
-F_s = _symbol("F_d(s)", r"F_\delta(s)", "m/s", "Laplace transform of f_d")
+F_s = _symbol("F_d(s)", r"F_\delta(s)", "m/s", "Laplace transform of `f_d`")
 a3, a2, a1, a0 = (
     _symbol(
-        f"a{n}", f"a_{n}", f"1/s^{4 - n}" if n < 3 else "1/s", f"coefficient of s^{n} of the loop"
+        f"a{n}", f"a_{n}", f"1/s^{4 - n}" if n < 3 else "1/s", f"coefficient of `s^{n}` of the loop"
     )
     for n in (3, 2, 1, 0)
 )
@@ -232,7 +232,7 @@ tustin_w, euler_w, zoh_w = (
 )
 pulse = _symbol("P(z)", "P(z)", "m/V", "sampled plant, voltage to gap")
 b = tuple(
-    _symbol(f"b{n}", f"b_{n}", "s^2", f"numerator coefficient of z^{n} of the sampled plant")
+    _symbol(f"b{n}", f"b_{n}", "s^2", f"numerator coefficient of `z^{n}` of the sampled plant")
     for n in (2, 1, 0)
 )
 _EXTRA.append(

@@ -34,7 +34,7 @@ m = _symbol("m", "m", "kg", "mass of the ball", positive=True)
 g = _symbol("g", "g", "m/s^2", "gravitational acceleration", positive=True)
 K = _symbol("K", "K", "N m^2/A^2", "force constant of the magnet", positive=True)
 C = _symbol("C", "C", "A/V", "coil current per input voltage", positive=True)
-beta = _symbol("beta", r"\beta", "m^3/(s^2 V^2)", "K C^2/m of the plant", positive=True)
+beta = _symbol("beta", r"\beta", "m^3/(s^2 V^2)", "`K C^2/m` of the plant", positive=True)
 y0 = Symbol("y0", nonnegative=True)
 _TABLE.append(Entry(y0, "y_0", "m", "magnetic offset of the gap"))
 y = _symbol("y", "y", "m", "gap between ball and magnet")
@@ -44,33 +44,33 @@ i = _symbol("i", "i", "A", "coil current")
 u = _symbol("u", "u", "V", "input voltage")
 L = _symbol("L", "L", "H", "inductance of the coil", positive=True)
 R = _symbol("R", "R", r"ohm", "resistance of the coil", positive=True)
-u_coil = _symbol("u_coil", r"u_i", "V", "coil current over C, the voltage that it stands for")
+u_coil = _symbol("u_coil", r"u_i", "V", "coil current over `C`, the voltage that it stands for")
 
 Y = _symbol("Y", "Y", "m", "gap of the equilibrium", positive=True)
 U = _symbol("U", "U", "V", "voltage of the equilibrium", positive=True)
 C_U = _symbol("C_U", "C_U", "m/(s^2 V)", "voltage coefficient of the linearisation", positive=True)
 C_Y = _symbol("C_Y", "C_Y", "1/s^2", "gap coefficient of the linearisation", positive=True)
 
-y_d = _symbol("y_d", r"y_\delta", "m", "incremental gap, y - Y")
+y_d = _symbol("y_d", r"y_\delta", "m", "incremental gap, `y - Y`")
 v_d = _symbol("v_d", r"\dot{y}_\delta", "m/s", "incremental velocity")
 acc_d = _symbol("acc_d", r"\ddot{y}_\delta", "m/s^2", "incremental acceleration")
-u_d = _symbol("u_d", r"u_\delta", "V", "incremental voltage, u - U")
+u_d = _symbol("u_d", r"u_\delta", "V", "incremental voltage, `u - U`")
 
 y_ref = _symbol("y_ref", "y^*", "m", "reference gap")
 v_ref = _symbol("v_ref", r"\dot{y}^*", "m/s", "reference velocity")
 acc_ref = _symbol("acc_ref", r"\ddot{y}^*", "m/s^2", "reference acceleration")
-e = _symbol("e", "e", "m", "tracking error, y - y^*")
+e = _symbol("e", "e", "m", "tracking error, `y - y^*`")
 
-beta_c = _symbol("beta_c", r"\beta_c", "m^3/(s^2 V^2)", "the controller's beta", positive=True)
+beta_c = _symbol("beta_c", r"\beta_c", "m^3/(s^2 V^2)", "the controller's `beta`", positive=True)
 C_U_hat = _symbol(
-    "C_U_hat", r"\hat{C}_U", "m/(s^2 V)", "C_U that the controller believes", positive=True
+    "C_U_hat", r"\hat{C}_U", "m/(s^2 V)", "`C_U` that the controller believes", positive=True
 )
 C_Y_hat = _symbol(
-    "C_Y_hat", r"\hat{C}_Y", "1/s^2", "C_Y that the controller believes", positive=True
+    "C_Y_hat", r"\hat{C}_Y", "1/s^2", "`C_Y` that the controller believes", positive=True
 )
-C_U_true = _symbol("C_U_true", "C_U'", "m/(s^2 V)", "C_U at the actual gap", positive=True)
-C_Y_true = _symbol("C_Y_true", "C_Y'", "1/s^2", "C_Y at the actual gap", positive=True)
-rho = _symbol("rho", r"\rho", "-", "C_U'/C_U of the controller, the loop's gain", positive=True)
+C_U_true = _symbol("C_U_true", "C_U'", "m/(s^2 V)", "`C_U` at the actual gap", positive=True)
+C_Y_true = _symbol("C_Y_true", "C_Y'", "1/s^2", "`C_Y` at the actual gap", positive=True)
+rho = _symbol("rho", r"\rho", "-", "`C_U'/C_U` of the controller, the loop's gain", positive=True)
 
 s = _symbol("s", "s", "1/s", "Laplace variable")
 z = _symbol("z", "z", "-", "variable of the z-transform")
