@@ -58,7 +58,7 @@ class Derivation:
 
 def derivation_steps() -> Derivation:
     """Return the derivation, proved by this process or by one before it."""
-    own = sources(HERE / "derivation_text.py", Path(__file__))
+    own = sources(HERE / "derivation_text.py", HERE / "formulas.py", Path(__file__))
     return kept("derivation", digest(fingerprint(), *own), _proved, _read)
 
 
@@ -66,6 +66,7 @@ def _proved() -> str:
     import sympy as sp  # noqa: PLC0415 - only where the cache has nothing
 
     from maglev_design.report.derivation_text import equation_rows, occurring  # noqa: PLC0415
+    from maglev_design.report.formulas import latex  # noqa: PLC0415
     from maglev_design.symbolic import derivation_terms as d  # noqa: PLC0415
     from maglev_design.symbolic.derivation import NOTATION, derivation  # noqa: PLC0415
     from maglev_design.symbolic.stability import routh_array  # noqa: PLC0415
@@ -91,7 +92,7 @@ def _proved() -> str:
                 tuple(
                     (
                         f"s^{len(array) - 1 - n}",
-                        tuple(sp.latex(entry, symbol_names=names) for entry in row),
+                        tuple(latex(entry, names) for entry in row),
                     )
                     for n, row in enumerate(array)
                 ),

@@ -15,7 +15,7 @@ import sympy as sp
 from sympy import Expr, Symbol
 
 from maglev_design.errors import InputError
-from maglev_design.report import prose
+from maglev_design.report import formulas, prose
 from maglev_design.report.escape import latex_text, markdown_maths, markdown_text
 from maglev_design.report.words import unit_latex
 from maglev_design.symbolic.derivation_terms import Equation, Line
@@ -196,10 +196,10 @@ def _wrapped(text: str, first: str, following: str) -> list[str]:
 
 def _line_rows(line: Line, names: Mapping[Symbol, str]) -> list[Row]:
     """Return one line as rows of an aligned block; a long sum takes several."""
-    left, sign = sp.latex(line.lhs, symbol_names=names), _SIGNS[line.relation]
+    left, sign = formulas.latex(line.lhs, names), _SIGNS[line.relation]
     used = _width(line.lhs)
     if used + _width(line.rhs) + 3 <= LINE_WIDTH or not line.rhs.is_Add:
-        return [(left, f"{sign} {sp.latex(line.rhs, symbol_names=names)}")]
+        return [(left, f"{sign} {formulas.latex(line.rhs, names)}")]
     chunks = _chunks(line.rhs, LINE_WIDTH - used - 3)
     rows = [(left, f"{sign} {_sum_latex(chunks[0], names)}")]
     for chunk in chunks[1:]:
@@ -211,7 +211,7 @@ def _line_rows(line: Line, names: Mapping[Symbol, str]) -> list[Row]:
 def _chunks(total: Expr, room: int) -> list[list[Expr]]:
     """Split a sum in the order of its printing into parts no wider than `room`, where possible."""
     parts: list[list[Expr]] = []
-    for term in total.as_ordered_terms():
+    for term in formulas.ordered_terms(total):
         if parts and _width(sp.Add(*parts[-1], term)) <= room:
             parts[-1].append(term)
         else:
@@ -220,7 +220,7 @@ def _chunks(total: Expr, room: int) -> list[list[Expr]]:
 
 
 def _sum_latex(terms: Sequence[Expr], names: Mapping[Symbol, str]) -> str:
-    return str(sp.latex(sp.Add(*terms), symbol_names=names))
+    return formulas.latex(sp.Add(*terms), names)
 
 
 def _width(expression: Expr) -> int:

@@ -210,7 +210,7 @@ def gpi_law(flat: FlatModel) -> Steps:
             "20-transfer",
             GPI,
             "The same law as a transfer function",
-            [(d.w, d.G * p.e / p.C_U), (d.G, transfer)],
+            [(d.w, d.G * p.e / p.C_U), (d.G, stated)],
             "Insert all three lines of (20) into each other in Laplace's variable and solve for "
             "the voltage, which stands on both sides.",
             checks=[stated - transfer, correction - stated / p.C_U],
@@ -280,7 +280,7 @@ def bounded_form(flat: FlatModel) -> Steps:
             "20-bounded",
             GPI,
             "The law with two bounded states",
-            [(d.dx1, rates[0]), (d.dx2, rates[1]), (p.C_U * d.w, sp.expand(p.C_U * voltage))],
+            [(d.dx1, rates[0]), (d.dx2, rates[1]), (p.C_U * d.w, share)],
             "Partial fractions of `G(s)`: an integrator and a lag at `-k3`. Its transfer function "
             "is `G(s)`, so from a zero start it is the law (20); with the plant it makes four "
             "states whose polynomial is `p(s)`, nothing hidden, so both stay bounded. It is the "
@@ -353,12 +353,13 @@ def _any_order() -> Steps:
     }
     matched = {n: match_coefficients(wish, n) for n, wish in wishes.items()}
     laws = {n: gpi_transfer(gain_symbols(n)) for n in wishes}
+    numerator, denominator = (sp.collect(part, p.s) for part in sp.fraction(laws[5]))
     return [
         d.proved(
             "20-n",
             GAINS,
             "The law for any order",
-            [(d.G, laws[5]), (d.poly_n, _monic(5))],
+            [(d.G, numerator / denominator), (d.poly_n, _monic(5))],
             "Each further integral of the error raises the order by one; shown for order 5, "
             "checked for orders 3 to 6. The plant's `C_Y` cancels and the gains are the "
             "coefficients of the closed loop's polynomial.",
