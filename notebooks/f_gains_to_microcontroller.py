@@ -25,10 +25,14 @@
 #   the clamp;
 # - how many samples of delay the loop stands;
 # - what sensor noise becomes on the actuator, predicted and simulated;
-# - why single precision is enough for this law, and would not be for the law as printed.
+# - why single precision is enough for this law, and would not be for the law as printed;
+# - how the controller leaves, and how it is proved that what left is what was designed.
 
 # %%
 import math
+import sys
+import tempfile
+from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -38,6 +42,7 @@ from matplotlib_inline.backend_inline import set_matplotlib_formats
 from maglev_design import loop as loops
 from maglev_design.certify.intervals.sampled import setting
 from maglev_design.certify.intervals.sampled_limits import largest_period
+from maglev_design.certify.lyapunov.lmi import certify_sampled
 from maglev_design.certify.margins import sampled_margins
 from maglev_design.choices import METHODS
 from maglev_design.design import (
@@ -48,16 +53,20 @@ from maglev_design.design import (
     reference_path,
     true_equilibrium,
 )
+from maglev_design.export import export_folder
+from maglev_design.export.verify import verify_folder
 from maglev_design.loop import Family
 from maglev_design.paper.theory_law import hold_drift
 from maglev_design.paper.theory_linear import Case, linear_loop
 from maglev_design.parameters import load_rig, make_rig
+from maglev_design.record import make_record
 from maglev_design.report.plots.style import BLUE, GREEN, GREY, RED, STYLE, WIDTH
 from maglev_design.simulate import Scenario, loop_for, nominal_scenario, simulate
 from maglev_design.simulate.graph import acceleration_program, step_program
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.derivation import NOTATION
 from maglev_design.symbolic.running import difference_equation
+from maglev_design.tune import build_problem, solve
 
 plt.rcParams.update(STYLE)
 set_matplotlib_formats("svg")
@@ -381,6 +390,45 @@ for minutes in (1, 10, 60, 24 * 60):
 need = true_equilibrium(rig, beta, rig.reference.end_gap).U
 print(f"holding the ball there takes {need:.3f} V")
 assert jump > need
+
+# %% [markdown]
+# ## 7. Out of the house
+#
+# Everything above, clamp, guards, reset and the reference's generator included, leaves as a folder
+# that stands alone. `maglev-design export` writes it in C99, Python or MATLAB from a saved design;
+# here is the same from a program, for the tuned poles of notebook (d), as Python:
+
+# %%
+problem = build_problem(rig)
+result = solve(problem)
+record = make_record(
+    result,
+    sampled_margins(problem.loop, result.poles.values, problem.family),
+    certify_sampled(result.design, rig),
+)
+with tempfile.TemporaryDirectory() as place:
+    folder = Path(place) / "controller"
+    exported = export_folder(record, "python", folder)
+    verdict = verify_folder(folder)
+    text = (folder / "maglev.py").read_text("utf-8")
+print(*exported.sha256, sep=", ")
+for check in verdict.checks:
+    print(f"{'passed' if check.passed else 'FAILED'}  {check.name:44s} {check.note}")
+
+# %%
+# Check: all is kept that the design promised, the recorded samples to the last bit, and the
+# controller needs nothing but Python.
+assert not exported.doubts
+assert all(check.passed for check in verdict.checks)
+bits = next(check for check in verdict.checks if check.name == "vectors, Python")
+assert bits.value == 0
+lines = [line.split() for line in text.splitlines() if line.startswith(("import ", "from "))]
+assert {words[1].partition(".")[0] for words in lines} <= sys.stdlib_module_names
+
+# %% [markdown]
+# On a machine with a C compiler, `maglev-design export design/design.json --target c` and
+# `maglev-design verify` do the same with the compiled text, run it on an emulated Cortex-M4 and
+# count its instructions.
 
 # %% [markdown]
 # ## Exercises

@@ -363,7 +363,7 @@ def _print_alternatives(document: dict[str, Any]) -> None:
     if measured is not None and measured["worst_case"][key] < document["worst_case"][key]:
         sys.stdout.write(
             f"Measuring U once (--equilibrium measured) would make the worst case "
-            f"{_times(measured['improvement'])} times smaller at these poles"
-            + ("" if measured["feasible"] else ", which then need tuning anew to keep the limits")
+            f"{_times(measured['improvement'])} times smaller at these poles, if y0 is right"
+            + ("" if measured["feasible"] else "; they then need tuning anew to keep the limits")
             + ".\n\n"
         )

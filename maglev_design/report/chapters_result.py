@@ -317,7 +317,10 @@ def alternatives_chapter(record: DesignRecord) -> Section | None:
                     ", would make the worst case ",
                     times_runs(measured["improvement"]),
                     " times smaller at these poles"
-                    + ("." if measured["feasible"] else ", which then need tuning anew."),
+                    + (". " if measured["feasible"] else ", which then need tuning anew. "),
+                    "It rests on ",
+                    Maths("y_0"),
+                    " instead: where that is wrong, the error of the move comes back.",
                 )
             )
         )

@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -23,6 +25,9 @@ from maglev_design.report.plots.style import (
     plain_ticks,
     save_figure,
 )
+
+SHADES = ListedColormap(mpl.colormaps["Greys_r"](np.linspace(0.3, 0.9, 256)))
+"""Greys that neither white nor dark paper has."""
 
 LIMIT_STYLES = {
     "Ms": (BLUE, "-"),
@@ -118,7 +123,7 @@ def landscape(curves: Curves, document: Mapping[str, Any]) -> Figure:
     zeta, omega_n = curves["landscape_zeta"], curves["landscape_omega_n"]
     values = curves["landscape_objective"]
     shown = np.log10(np.where(values > 0, values, np.nan))
-    mesh = axes.pcolormesh(omega_n, zeta, shown, cmap="Greys_r", shading="nearest", alpha=0.85)
+    mesh = axes.pcolormesh(omega_n, zeta, shown, cmap=SHADES, shading="nearest", edgecolors="face")
     bar = figure.colorbar(mesh, ax=axes)
     unit = {"itae": "m s²", "iae": "m s", "ise": "m² s"}[document["objective"]]
     bar.set_label(f"log₁₀ of worst-case {document['objective'].upper()} [{unit}]")

@@ -10,7 +10,7 @@ from matplotlib.patches import Circle, FancyBboxPatch
 
 from maglev_design.report.plots.style import BLUE, GREY, RED, WIDTH
 
-INK = "#222222"
+INK = "black"
 Point = tuple[float, float]
 
 
@@ -58,14 +58,14 @@ def _box(axes: Any, centre: Point, width: float, height: float, text: str, colou
     corner = (centre[0] - width / 2, centre[1] - height / 2)
     axes.add_patch(
         FancyBboxPatch(
-            corner, width, height, boxstyle="round,pad=0,rounding_size=0.12", fc="white", ec=colour
+            corner, width, height, boxstyle="round,pad=0,rounding_size=0.12", fc="none", ec=colour
         )
     )
     axes.text(*centre, text, ha="center", va="center", fontsize=8, color=INK)
 
 
 def _sum(axes: Any, centre: Point) -> None:
-    axes.add_patch(Circle(centre, 0.25, fc="white", ec=INK))
+    axes.add_patch(Circle(centre, 0.25, fc="none", ec=INK))
 
 
 def _path(axes: Any, points: list[Point]) -> None:

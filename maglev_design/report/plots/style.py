@@ -26,9 +26,12 @@ RED, BLUE, GREEN, GREY, ORANGE = "#c1272d", "#0072b2", "#009e73", "#5f5f5f", "#d
 PURPLE, SKY = "#cc79a7", "#56b4e9"
 """Okabe-Ito's colours and a red that keeps its distance from them in grey."""
 
+EDGE, GRID = "#333333", "#d9d9d9"
+
 STYLE: dict[str, Any] = {
     "axes.axisbelow": True,
-    "axes.edgecolor": "#333333",
+    "axes.edgecolor": EDGE,
+    "axes.facecolor": "none",
     "axes.grid": True,
     "axes.labelsize": 9,
     "axes.linewidth": 0.7,
@@ -38,7 +41,7 @@ STYLE: dict[str, Any] = {
     "axes.titlesize": 9,
     "font.family": "DejaVu Sans",
     "font.size": 9,
-    "grid.color": "#d9d9d9",
+    "grid.color": GRID,
     "grid.linewidth": 0.5,
     "legend.fontsize": 8,
     "legend.frameon": False,
@@ -59,6 +62,16 @@ def house_style() -> Iterator[None]:
     with mpl.rc_context(STYLE):
         yield
 
+
+DARK = f"""@media (prefers-color-scheme: dark) {{
+[id^="text_"], [id^="patch_"], [id^="line2d_"] {{ fill: #e6e6e3 }}
+#patch_1 path {{ fill: #16181b !important }}
+[style*="stroke: #000000"] {{ stroke: #e6e6e3 !important }}
+[style*="stroke: {EDGE}"] {{ stroke: #a3a6aa !important }}
+[style*="stroke: {GRID}"] {{ stroke: #3a3e44 !important }}
+}}
+"""
+"""How an SVG is shown where its reader asks for dark pages: text, ground, lines, edges, grid."""
 
 METADATA: Mapping[str, dict[str, None]] = {
     ".png": {"Software": None},
@@ -87,7 +100,10 @@ def figure_bytes(figure: Figure, ending: str) -> bytes:
     """Return `figure` in the format of an ending of :data:`METADATA`."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format=ending[1:], metadata=METADATA[ending])
-    return buffer.getvalue()
+    content = buffer.getvalue()
+    if ending == ".svg":
+        return content.replace(b"</style>", DARK.encode() + b"</style>", 1)
+    return content
 
 
 def literal(text: str) -> str:
