@@ -4,9 +4,9 @@ The plant is linearised where the ball is, the controller is the one that runs (
 coefficients, its discretisation, the delay). With H the pulse transfer function of the law from e
 to u and P that of the plant from u to y,
 
-    S = 1/(1 - P H) = D/(D + C_U' N),
+    S = 1/(1 - P H) = D/(D + N),
 
-D and N the products of the denominators and numerators of :mod:`maglev_design.symbolic.stability`.
+D and N those of :func:`maglev_design.symbolic.stability.sampled_loop`.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ class Loop:
         (poles, gap, ratio, theta) -> |S(exp(j theta))| and its gradients by poles and by
         (gap, ratio, theta).
     characteristic : casadi.Function
-        (poles, gap, ratio) -> coefficients of D + C_U' N, highest first, and their Jacobian.
+        (poles, gap, ratio) -> coefficients of D + N, highest first, and their Jacobian.
     noise_gain : casadi.Function
         (poles, gap, ratio) -> standard deviation of the commanded voltage per metre of white
         sensor noise [V/m], and its gradient.
@@ -151,24 +151,16 @@ def build_loop(
     )
     gain = c_u * slope
 
-    law = _split(
-        program("pulse_law", method, controller).casadi(c_u_hat, c_y_hat, period, *gains), 3
-    )
-    pulse = _split(program("pulse_plant").casadi(c_y, period, when.part), [3, 3, 4])
-    law_gap, law_velocity, law_den = law
-    plant_gap, plant_velocity, plant_den = pulse
-    through_gap, through_velocity = (
-        _product(a, b) for a, b in ((plant_gap, law_gap), (plant_velocity, law_velocity))
-    )
-    numerator = [gain * (a + b) for a, b in zip(through_gap, through_velocity, strict=True)]
-    denominator = _product(plant_den, law_den) + [ca.SX(0)] * whole
+    parts = _sampled(method, controller, gain, c_u_hat, c_y_hat, c_y, period, when.part, *gains)
+    late = [ca.SX(0)] * whole
+    numerator, denominator = parts["num"], parts["den"] + late
     closed = _sum(denominator, numerator)
 
     base = [poles, gap, ratio]
     peak = _modulus(denominator, theta) / _modulus(closed, theta)
     where = ca.vertcat(gap, ratio, theta)
     coefficients = ca.vertcat(*closed)
-    effort = [slope * x for x in _product(plant_den, law_gap)] + [ca.SX(0)] * whole
+    effort = [slope * x for x in parts["effort"]] + late
     noise = ca.sqrt(_mean_square(effort, closed))
     shares = program("hurwitz", controller).casadi(gain / believed_gain, c_y, c_y_hat, *gains)
     margin = ca.mmin(ca.vertcat(*shares))
@@ -190,21 +182,13 @@ def build_loop(
     )
 
 
-def _split(values: Sequence[Any], sizes: int | Sequence[int]) -> list[list[Any]]:
-    """Return `values` in groups: a number of equal ones, or of the given sizes."""
-    if isinstance(sizes, int):
-        sizes = [len(values) // sizes] * sizes
-    ends = np.cumsum(sizes)
-    return [list(values[end - size : end]) for end, size in zip(ends, sizes, strict=True)]
-
-
-def _product(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
-    """Return the coefficients of the product of two polynomials."""
-    result: list[Any] = [ca.SX(0)] * (len(a) + len(b) - 1)
-    for i, x in enumerate(a):
-        for j, y in enumerate(b):
-            result[i + j] = result[i + j] + x * y
-    return result
+def _sampled(method: Method, controller: Controller, *known: Any) -> dict[str, list[Any]]:
+    """Return the polynomials of :func:`maglev_design.symbolic.stability.sampled_loop` by name."""
+    lowered = program("sampled_loop", method, controller)
+    parts: dict[str, list[Any]] = {}
+    for name, value in zip(lowered.outputs, lowered.casadi(*known), strict=True):
+        parts.setdefault(name.rstrip("0123456789"), []).append(value)
+    return parts
 
 
 def _sum(longer: Sequence[Any], shorter: Sequence[Any]) -> list[Any]:

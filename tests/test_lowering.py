@@ -324,14 +324,14 @@ from maglev_design.programs import program
 from maglev_design.simulate import graph
 from byhand import SOME
 programs = [d.plant_program(), d.reference_program(), graph.acceleration_program(),
-    graph.metrics_program(), graph.coil_program(), program("pulse_plant")]
+    graph.metrics_program(), graph.coil_program()]
 programs += [d.believed_program(reading) for reading in EQUILIBRIA]
 for law in SOME:
     programs += [d.gains_program(law), d.slope_program(law), graph.start_program(law),
         graph.continuous_program(law), program("hurwitz", law)]
     for method in METHODS:
         programs += [graph.step_program(method, law), graph.feedforward_program(method, law),
-            d.coefficients_program(method, law), program("pulse_law", method, law)]
+            d.coefficients_program(method, law), program("sampled_loop", method, law)]
 for one in programs:
     for language in ("python", "c", "matlab", "javascript"):
         print("\\n".join(one.source(language)))

@@ -153,13 +153,12 @@ def _array(letters: Sequence[sp.Symbol]) -> tuple[tuple[sp.Expr, ...], ...]:
 
 
 def sampled_loop(method: Method, controller: Controller) -> Program:
-    """Return numerator and denominator of the sampled open loop."""
+    """Return the sampled open loop and what sensor noise does to the voltage."""
     own = law(controller)
     gain = sp.Symbol("loop_gain")
-    pulse = stability.sampled_loop(own, method, gain)
+    loop = stability.sampled_loop(own, method, gain)
     inputs = (gain, p.C_U_hat, p.C_Y_hat, p.C_Y_true, p.T, stability.first_part, *own.gains)
-    outputs = {f"num{n}": x for n, x in enumerate(pulse.numerator)}
-    return lower(inputs, outputs | {f"den{n}": x for n, x in enumerate(pulse.denominator)})
+    return lower(inputs, _named(num=loop.numerator, den=loop.denominator, effort=loop.effort))
 
 
 def metrics(crossing: bool) -> Program:
@@ -234,22 +233,6 @@ def continuous(controller: Controller) -> Program:
     }
     outputs["commanded"] = running.commanded
     return lower(inputs, outputs, {running.commanded: stability.believed(command)})
-
-
-def pulse_law(method: Method, controller: Controller) -> Program:
-    """Return the coefficients of the law's pulse transfer functions, highest power first."""
-    own = law(controller)
-    pulse = stability.sampled_law(own, method)
-    inputs = (p.C_U_hat, p.C_Y_hat, p.T, *own.gains)
-    return lower(inputs, _named(gap=pulse.gap, velocity=pulse.velocity, den=pulse.denominator))
-
-
-def pulse_plant() -> Program:
-    """Return the coefficients of the plant's pulse transfer functions, highest power first."""
-    gap, velocity = stability.sampled_plant("gap"), stability.sampled_plant("velocity")
-    inputs = (p.C_Y_true, p.T, stability.first_part)
-    outputs = _named(gap=gap.numerator, velocity=velocity.numerator, den=gap.denominator)
-    return lower(inputs, outputs)
 
 
 def hurwitz(controller: Controller) -> Program:

@@ -231,28 +231,45 @@ def sampled_law(law: ControlLaw, method: Method) -> SampledLaw:
     return SampledLaw(gap, velocity, tuple(sp.factor(c) for c in denominator.all_coeffs()))
 
 
-def sampled_loop(law: ControlLaw, method: Method, gain: Expr) -> PulseTransfer:
-    """Return -P H, the sampled law behind the sampled plant, `gain` being C_U' times its slope.
+@dataclass(frozen=True)
+class SampledLoop:
+    """The sampled law behind the sampled plant, coefficients highest power first.
 
-    Coefficients of the numerator and the denominator, highest power first; whole periods of delay
-    are further factors 1/z. With N and D these, S = D/(D + N).
+    With N and D, S = D/(D + N); whole periods of delay are further powers of z in D.
+
+    Attributes
+    ----------
+    numerator, denominator : tuple of Expr
+        N and D of -P H.
+    effort : tuple of Expr
+        E of the voltage that sensor noise makes, E/(D + N), less the law's slope.
     """
+
+    numerator: tuple[Expr, ...]
+    denominator: tuple[Expr, ...]
+    effort: tuple[Expr, ...]
+
+
+def sampled_loop(law: ControlLaw, method: Method, gain: Expr) -> SampledLoop:
+    """Return the sampled loop, `gain` being C_U' times the law's slope."""
     core = sampled_law(law, method)
-    pulses = sampled_plant("gap"), sampled_plant("velocity")
-    numerator = sp.Integer(0)
-    for seen, pulse in zip((core.gap, core.velocity), pulses, strict=True):
-        numerator += _in_z(seen) * _in_z(pulse.numerator)
-    length = len(core.gap) + len(pulses[0].numerator) - 1
-    over = sp.Poly(numerator, p.z)
-    denominator = sp.Poly(_in_z(core.denominator) * _in_z(pulses[0].denominator), p.z)
-    return PulseTransfer(
-        tuple(gain * over.coeff_monomial(p.z**n) for n in range(length - 1, -1, -1)),
-        tuple(denominator.all_coeffs()),
+    gap, velocity = sampled_plant("gap"), sampled_plant("velocity")
+    through = zip(
+        _product(gap.numerator, core.gap), _product(velocity.numerator, core.velocity), strict=True
+    )
+    return SampledLoop(
+        tuple(gain * (a + b) for a, b in through),
+        _product(gap.denominator, core.denominator),
+        _product(gap.denominator, core.gap),
     )
 
 
-def _in_z(coefficients: Sequence[Expr]) -> Expr:
-    return sum((c * p.z**n for n, c in enumerate(reversed(coefficients))), sp.Integer(0))
+def _product(first: Sequence[Expr], second: Sequence[Expr]) -> tuple[Expr, ...]:
+    """Return the coefficients of the product of two polynomials, their factors left as they are."""
+    return tuple(
+        sp.Add(*(x * second[n - i] for i, x in enumerate(first) if 0 <= n - i < len(second)))
+        for n in range(len(first) + len(second) - 1)
+    )
 
 
 def _monic(transfer: Expr, variable: Symbol) -> tuple[Expr, Expr]:
