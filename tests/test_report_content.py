@@ -153,7 +153,7 @@ def test_the_derivation_is_whole() -> None:
     assert {step.residual for step in found.steps} == {"0", None}
     assert len({step.id for step in found.steps}) == len(found.steps) > 40
     assert [power for power, _ in found.routh] == ["s^4", "s^3", "s^2", "s^1", "s^0"]
-    assert found.routh[2][1] == (r"\frac{- a_1 + a_2 a_3}{a_3}", "a_0")
+    assert found.routh[2][1] == (r"\frac{a_3 a_2 - a_1}{a_3}", "a_0")
 
 
 @pytest.mark.parametrize("text", ["{}", '{"steps": [{}], "symbols": [], "routh": []}', "[]"])

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from maglev_design.report.comparison_text import code, escaped
+from maglev_design.report.escape import markdown_code, markdown_line
 
 VERDICTS = ("verified", "corrected", "contradicted", "not-checkable")
 SIGNS = {"verified": "✓", "corrected": "✎", "contradicted": "✗", "not-checkable": "?"}
@@ -58,9 +58,9 @@ def markdown(document: Mapping[str, Any], command: str) -> str:
     lines = [
         "# What the paper says, and what became of it",
         "",
-        f"Rig: {escaped(document['rig']['name'])}; general claims also on {document['rigs']} "
-        f"random rigs. Made by {code(command)}; no verdict is written down, each is computed by "
-        "that run.",
+        f"Rig: {markdown_line(document['rig']['name'])}; general claims also on {document['rigs']} "
+        f"random rigs. Made by {markdown_code(command)}; no verdict is written down, each is "
+        "computed by that run.",
         "",
         f"{len(claims)} claims: {tally(claims)}.",
         "",
@@ -74,8 +74,8 @@ def markdown(document: Mapping[str, Any], command: str) -> str:
         "| --- | --- | --- |",
     ]
     lines += [
-        f"| [{escaped(c['id'])}](#{anchor(c['id'])}) {escaped(c['statement'])} "
-        f"| {escaped(c['place'])} | {SIGNS[c['verdict']]} {c['verdict']} |"
+        f"| [{markdown_line(c['id'])}](#{anchor(c['id'])}) {markdown_line(c['statement'])} "
+        f"| {markdown_line(c['place'])} | {SIGNS[c['verdict']]} {c['verdict']} |"
         for c in claims
     ]
     for verdict in ("contradicted", "corrected", "not-checkable", "verified"):
@@ -96,11 +96,11 @@ def _section(claim: Mapping[str, Any]) -> list[str]:
     lines = [
         f'<a id="{anchor(claim["id"])}"></a>',
         "",
-        f"### {escaped(claim['id'])}, {escaped(claim['place'])}",
+        f"### {markdown_line(claim['id'])}, {markdown_line(claim['place'])}",
         "",
-        f"{escaped(claim['statement'])}",
+        f"{markdown_line(claim['statement'])}",
         "",
     ]
     if claim["correction"]:
         lines += ["**Correct:**", "", "```text", *claim["correction"].splitlines(), "```", ""]
-    return [*lines, f"{escaped(claim['evidence'])}", "", code(claim["command"])]
+    return [*lines, f"{markdown_line(claim['evidence'])}", "", markdown_code(claim["command"])]

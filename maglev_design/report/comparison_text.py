@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from maglev_design.report.escape import markdown_code, markdown_line
+
 COLUMNS = (
     ("ISE [m² s]", "ise"),
     ("IAE [m s]", "iae"),
@@ -173,8 +175,8 @@ def markdown(document: Mapping[str, Any], command: str, figures: Sequence[str]) 
     lines = [
         "# The paper's section 4 again",
         "",
-        f"Rig: {escaped(document['rig']['name'])}. Made by {code(command)}; every number on this "
-        "page is that run's.",
+        f"Rig: {markdown_line(document['rig']['name'])}. Made by {markdown_code(command)}; every "
+        "number on this page is that run's.",
         "",
         "TAN-GPI is the paper's law (20); the poles are its zeta = 1, omega_n = 70 rad/s, but for "
         "the tuned one. Commanded voltages are before the clamp, the total variation (TV) is of "
@@ -224,22 +226,11 @@ CAPTIONS = {
 def pipes(table: Table) -> list[str]:
     """Return a table in markdown."""
     return [
-        f"**{escaped(table.title)}**",
+        f"**{markdown_line(table.title)}**",
         "",
         "| " + " | ".join(table.header) + " |",
         "|"
         + "|".join(" --- " if n < table.words else " ---: " for n in range(len(table.header)))
         + "|",
-        *("| " + " | ".join(escaped(cell) for cell in row) + " |" for row in table.rows),
+        *("| " + " | ".join(markdown_line(cell) for cell in row) + " |" for row in table.rows),
     ]
-
-
-def code(text: str) -> str:
-    """Return text as a code span of markdown, whatever it holds."""
-    return f"`{' '.join(text.replace('`', '').split())}`"
-
-
-def escaped(text: str) -> str:
-    """Return text so that markdown takes none of it for markup."""
-    marked = "".join("\\" + c if c in "\\`*_{}[]<>#|!$" else c for c in text)
-    return " ".join(marked.split())

@@ -129,8 +129,14 @@ def markdown_text(text: str) -> str:
     return _MARKDOWN_MARK.sub(r"\1\2\\", _MARKDOWN_SPECIAL.sub(r"\\\1", text))
 
 
+def markdown_line(text: str) -> str:
+    """Return `text` in one line, what cannot be printed replaced, and nothing of it markup."""
+    return markdown_text(one_line(text))
+
+
 def markdown_code(text: str) -> str:
-    """Return `text` as code, fenced by more backticks than it has."""
+    """Return `text` in one line as code, fenced by more backticks than it has."""
+    text = one_line(text)
     longest = max((len(run) for run in re.findall("`+", text)), default=0)
     fence = "`" * (longest + 1)
     pad = " " if text.startswith("`") or text.endswith("`") else ""

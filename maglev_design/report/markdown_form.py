@@ -22,7 +22,7 @@ from maglev_design.report.content import (
     Table,
 )
 from maglev_design.report.derivation_text import aligned
-from maglev_design.report.escape import markdown_code, markdown_maths, markdown_text, one_line
+from maglev_design.report.escape import markdown_code, markdown_line, markdown_maths
 from maglev_design.report.words import number_text
 
 PAGE = "report.html"
@@ -46,9 +46,9 @@ def markdown(report: Report, figures: str, tag: str = HOST_TAG) -> str:
     tag : str
         LaTeX behind a numbered formula, ``%s`` its number.
     """
-    lines = [f"# {_text(report.title)}", "", _text(report.subtitle), ""]
+    lines = [f"# {markdown_line(report.title)}", "", markdown_line(report.subtitle), ""]
     for section in report.sections:
-        lines += [f"{'#' * (section.depth + 1)} {_text(section.title)}", ""]
+        lines += [f"{'#' * (section.depth + 1)} {markdown_line(section.title)}", ""]
         lines += _blocks(report, section, figures, tag)
     return "\n".join(lines).rstrip() + "\n"
 
@@ -107,9 +107,9 @@ def _inline(report: Report, run: Inline) -> str:
         case Maths(latex):
             return f"${markdown_maths(latex)}$"
         case Code(text):
-            return markdown_code(one_line(text))
+            return markdown_code(text)
         case Strong(text):
-            return f"**{_text(text).strip()}**" + (" " if text.endswith(" ") else "")
+            return f"**{markdown_line(text).strip()}**" + (" " if text.endswith(" ") else "")
         case Quantity(value, unit, digits):
             return number_text(value, unit, digits)
         case Link(target):
@@ -117,11 +117,7 @@ def _inline(report: Report, run: Inline) -> str:
     return _spaced(run)
 
 
-def _text(text: str) -> str:
-    return markdown_text(one_line(text))
-
-
 def _spaced(text: str) -> str:
     """Return text in one line, with a space at its ends where it had one."""
     before, after = text[:1].isspace(), text[-1:].isspace() and bool(text.strip())
-    return " " * before + _text(text) + " " * after
+    return " " * before + markdown_line(text) + " " * after
