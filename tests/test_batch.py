@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -336,16 +336,29 @@ def test_nothing_depends_on_company_order_or_threads(
     assert same_bits([run(shuffled.tolist())[k] for k in np.argsort(shuffled)[:3]], together[:3])
 
 
+@pytest.fixture
+def lanes_of(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], None]]:
+    """Yield what sets another width; kernels are kept by their loop alone."""
+
+    def wide(lanes: int) -> None:
+        monkeypatch.setattr(compiled, "LANES", lanes)
+        compiled.kernel.cache_clear()
+
+    yield wide
+    monkeypatch.undo()
+    compiled.kernel.cache_clear()
+
+
 @pytest.mark.parametrize("lanes", [1, 2, 8])
 def test_the_width_of_the_lanes_changes_rounding_alone(
-    lanes: int, monkeypatch: pytest.MonkeyPatch
+    lanes: int, lanes_of: Callable[[int], None]
 ) -> None:
     rig, design = designed()
     loop = build(rig, "tustin", directions=2)
     tangent, scenarios = pole_tangent(loop, design, DIRECTIONS[2]), many(rig, 7)
     arguments: Any = (loop, [design] * 7, scenarios, [tangent] * 7)
     expected = simulate_batch(*arguments, backend="compiled")
-    monkeypatch.setattr(compiled, "LANES", lanes)
+    lanes_of(lanes)
     for one, other in zip(simulate_batch(*arguments, backend="compiled"), expected, strict=True):
         assert_agree(one, other)
 
@@ -385,7 +398,7 @@ def test_the_trace_is_the_response(method: Method | None, share: float, noise: b
     loop = loop_for(rig, design, continuous=method is None)
     start = nominal_scenario(rig, plant_beta(rig))
     scenario = replace(start, noise=noise, seed=4, index=1)
-    kernel = compiled.kernel(loop, 1)
+    kernel = compiled.kernel(loop)
     assert kernel is not None
     figures, trace = compiled.run(
         loop,

@@ -88,7 +88,7 @@ def simulate_batch(
         return []
     found = None
     if backend != "interpreted":
-        found = compiled.kernel(loop, compiled.LANES if len(designs) > 1 else 1)
+        found = compiled.kernel(loop)
         if found is None and backend == "compiled":
             raise RuntimeError("no C compiler that works was found: set CC, or install gcc")
         if found is None:
@@ -109,7 +109,7 @@ def respond(loop: LoopGraph, design: Design, scenario: Scenario) -> Response:
     order, differ from its by rounding. A loop with many integration steps a period is interpreted:
     a compiler takes seconds for it.
     """
-    found = compiled.kernel(loop, 1) if loop.pieces <= MOST_PIECES else None
+    found = compiled.kernel(loop) if loop.pieces <= MOST_PIECES else None
     if found is None:
         return simulate(loop, design, scenario)
     figures, trace = _compiled(loop, found, [design], [scenario], None, True, 1, trace=True)

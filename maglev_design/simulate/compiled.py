@@ -20,12 +20,12 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib import metadata, resources
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +39,10 @@ from maglev_design.store import cache_folder, digest, kept, sources
 Array = NDArray[np.float64]
 
 LANES = 4
-"""Loops in one call of the step: a register of AVX2. gcc takes wider vectors apart."""
+"""Loops in one call of the step: a register of AVX2. gcc takes wider vectors apart.
+
+A single loop fills all of them: four without branches take less time than one with.
+"""
 FLAGS = (
     "-std=gnu11",
     "-O3",
@@ -188,58 +191,37 @@ def _digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-@dataclass(frozen=True)
-class Kernel:
-    """A compiled loop: the library's function and what its arrays look like."""
-
-    run: Any
-    lanes: int
+Kernel = Callable[..., None]
+"""A compiled loop: ``run`` of ``kernel.c``."""
 
 
 @lru_cache(maxsize=256)
-def _loaded(text: str) -> Any:
+def _loaded(text: str) -> Kernel | None:
     library = compile_library(text)
     if library is None:
         return None
     function = ctypes.CDLL(str(library)).run
-    doubles = np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS")
-    bytes_, words = (np.ctypeslib.ndpointer(t, flags="C_CONTIGUOUS") for t in (np.uint8, np.uint32))
-    function.argtypes = [
-        ctypes.c_int64,
-        ctypes.c_int64,
-        doubles,
-        doubles,
-        bytes_,
-        doubles,
-        doubles,
-        words,
-        doubles,
-        ctypes.c_int,
-        doubles,
-        ctypes.c_void_p,
-    ]
+    table, number = ctypes.c_void_p, ctypes.c_int64
+    function.argtypes = [number, number, *[table] * 7, ctypes.c_int, table, table]
     function.restype = None
-    return function
+    return cast("Kernel", function)
 
 
 @lru_cache(maxsize=64)
-def kernel(loop: LoopGraph, lanes: int = LANES) -> Kernel | None:
+def kernel(loop: LoopGraph) -> Kernel | None:
     """Return the compiled kernel of a loop; None where there is no compiler."""
-    if compiler() is None:
-        return None
-    function = _loaded(text(loop, lanes))
-    return None if function is None else Kernel(function, lanes)
+    return None if compiler() is None else _loaded(text(loop))
 
 
-def text(loop: LoopGraph, lanes: int) -> str:
+def text(loop: LoopGraph) -> str:
     """Return the C text of a loop's kernel, from the cache folder or printed now."""
 
     def printed() -> str:
         from maglev_design.simulate.printing import source  # noqa: PLC0415 - imports CasADi
 
-        return source(loop, lanes)
+        return source(loop)
 
-    return kept("loops", digest(_made_from(), loop.structure, str(lanes)), printed, str)
+    return kept("loops", digest(_made_from(), loop.structure, str(LANES)), printed, str)
 
 
 @cache
@@ -276,43 +258,34 @@ def run(
     threads : int
         Cores; the result does not depend on it.
     """
-    count, lanes = len(first), found.lanes
-    blocks = -(-count // lanes)
-    steps = len(loop.times) - 1
+    count, steps = len(first), len(loop.times) - 1
+    blocks = -(-count // LANES)
     inputs, starts, parts = loop.tables
+    filled = np.minimum(np.arange(blocks * LANES), count - 1)
 
-    def laned(rows: NDArray[Any]) -> NDArray[Any]:
-        """Return (n, size) as (blocks, size, lanes), the last loop repeated to fill a block."""
-        filled = np.concatenate([rows, np.repeat(rows[-1:], blocks * lanes - count, axis=0)])
-        ordered = filled.reshape(blocks, lanes, -1).transpose(0, 2, 1)
-        return _aligned(ordered)
+    def laned(rows: NDArray[Any], kind: type[np.generic] = np.float64) -> NDArray[Any]:
+        """Return (n, size) as (blocks, size, LANES), the last loop repeated to fill a block."""
+        return np.array(rows[filled].reshape(blocks, LANES, -1).transpose(0, 2, 1), kind, order="C")
 
-    arrays = [laned(a) for a in (parameters, first, stream, deviation)]
+    arrays = [laned(parameters), laned(first), laned(stream, np.uint32), laned(deviation)]
     size = figures_count(loop.directions)
-    figures = _aligned(np.zeros((blocks, size, lanes)))
-    traces = _aligned(np.zeros((blocks, steps if trace else 0, 4, lanes)))
+    figures = np.empty((blocks, size, LANES))
+    traces = np.empty((blocks, steps if trace else 0, 4, LANES))
 
     def work(begin: int, end: int) -> None:
-        pointer = traces[begin:end].ctypes.data if trace else None
-        cut = [a[begin:end] for a in arrays]
-        found.run(
-            end - begin, steps, inputs, starts, parts, *cut, int(noisy), figures[begin:end], pointer
+        pointers = [a.ctypes.data + begin * a.strides[0] for a in (*arrays, figures, traces)]
+        *given, found_figures, found_trace = pointers
+        found(
+            *(end - begin, steps, *(table.ctypes.data for table in (inputs, starts, parts))),
+            *(*given, int(noisy), found_figures, found_trace if trace else None),
         )
 
-    edges = np.linspace(0, blocks, min(threads, blocks) + 1).astype(int)
-    if len(edges) == 2:
+    workers = min(threads, blocks)
+    if workers <= 1:
         work(0, blocks)
     else:
-        with ThreadPoolExecutor(len(edges) - 1) as pool:
-            list(pool.map(work, edges[:-1].tolist(), edges[1:].tolist()))
+        edges = np.linspace(0, blocks, workers + 1).astype(int).tolist()
+        with ThreadPoolExecutor(workers) as pool:
+            list(pool.map(work, edges[:-1], edges[1:]))
     flat = figures.transpose(0, 2, 1).reshape(-1, size)[:count]
-    return flat, traces.transpose(0, 3, 1, 2).reshape(blocks * lanes, traces.shape[1], 4)[:count]
-
-
-def _aligned(values: NDArray[Any]) -> NDArray[Any]:
-    """Return a contiguous copy that starts where a vector register may be loaded."""
-    room = np.empty(values.nbytes + 64, dtype=np.uint8)
-    shift = -room.ctypes.data % 64
-    copy = room[shift : shift + values.nbytes].view(values.dtype).reshape(values.shape)
-    copy[...] = values
-    return copy
+    return flat, traces.transpose(0, 3, 1, 2).reshape(blocks * LANES, traces.shape[1], 4)[:count]

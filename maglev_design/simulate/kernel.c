@@ -13,13 +13,22 @@ enum { PART_START, PART_MOVE, PART_HOLD, PARTS };
 
 static inline real spread(double x) { return ZERO + x; }
 
-/* pcg4d and the sum of its sixteen-bit halves: the noise stream of noise.py, bit for bit. */
-static inline real standard_normal(word seed, word index, uint32_t channel, uint32_t counter)
+static inline pair joined(word first, word second)
 {
-    word v0 = seed * 1664525u + 1013904223u;
-    word v1 = index * 1664525u + 1013904223u;
-    word v2 = (WORD_ZERO + channel) * 1664525u + 1013904223u;
-    word v3 = (WORD_ZERO + counter) * 1664525u + 1013904223u;
+    pair both;
+    memcpy(&both, &first, sizeof first);
+    memcpy((word *)&both + 1, &second, sizeof second);
+    return both;
+}
+
+/* pcg4d and the sum of its sixteen-bit halves: the noise stream of noise.py, bit for bit; both
+ * channels of one sample at once. */
+static inline void standard_normals(pair seed, pair index, uint32_t counter, real *normal)
+{
+    pair v0 = seed * 1664525u + 1013904223u;
+    pair v1 = index * 1664525u + 1013904223u;
+    pair v2 = joined(WORD_ZERO, WORD_ZERO + 1u) * 1664525u + 1013904223u;
+    pair v3 = ((pair){0} + counter) * 1664525u + 1013904223u;
     for (int turn = 0; turn < 2; turn++) {
         v0 = v0 + v1 * v3;
         v1 = v1 + v2 * v0;
@@ -32,25 +41,36 @@ static inline real standard_normal(word seed, word index, uint32_t channel, uint
             v3 ^= v3 >> 16;
         }
     }
-    word total = (v0 & 0xFFFFu) + (v0 >> 16) + (v1 & 0xFFFFu) + (v1 >> 16)
-               + (v2 & 0xFFFFu) + (v2 >> 16) + (v3 & 0xFFFFu) + (v3 >> 16);
-    real r = (to_real(total) - 4.0 * 65535.0) * 1.8688123647942946e-05;
-    real r2 = r * r;
-    return r * (0.981000583 + r2 * (0.00598929986 + r2 * (7.27466071e-05 + r2 * 1.11261435e-05)));
+    const pair total = (v0 & 0xFFFFu) + (v0 >> 16) + (v1 & 0xFFFFu) + (v1 >> 16)
+                     + (v2 & 0xFFFFu) + (v2 >> 16) + (v3 & 0xFFFFu) + (v3 >> 16);
+    for (int channel = 0; channel < 2; channel++) {
+        word own;
+        memcpy(&own, (const word *)&total + channel, sizeof own);
+        const real r = (to_real(own) - 4.0 * 65535.0) * 1.8688123647942946e-05;
+        const real r2 = r * r;
+        normal[channel] = r * (0.981000583 + r2 * (0.00598929986
+                        + r2 * (7.27466071e-05 + r2 * 1.11261435e-05)));
+    }
 }
 
 /* One block of LANES loops. The arguments are those of run(), for this block. */
 static void run_block(
     int64_t steps, const double *restrict inputs, const double *restrict starts,
-    const uint8_t *restrict parts, const real *restrict parameters, const real *restrict first,
-    const word *restrict stream, const real *restrict deviation, int noisy,
-    real *restrict figures, real *restrict trace)
+    const uint8_t *restrict parts, const double *restrict given, const double *restrict first,
+    const uint32_t *restrict words, const double *restrict spreads, int noisy,
+    anywhere *restrict figures, anywhere *restrict trace)
 {
+    real parameters[N_PARAMETER * WIDTH], deviation[2];
+    word stream[2];
     real state[N_STATE * WIDTH], following[N_STATE * WIDTH], noise[2] = {ZERO, ZERO};
     real voltages[2 * WIDTH], track[2 * PIECES * WIDTH], error[WIDTH], slope[WIDTH];
     real sums[PARTS * 3], tangents[3 * WIDTH], added[3 * WIDTH], extremes[6 * WIDTH];
     real variation = ZERO, previous = ZERO, survived = ZERO;
-    for (int k = 0; k < N_STATE * WIDTH; k++) state[k] = first[k];
+    memcpy(parameters, given, sizeof parameters);
+    memcpy(state, first, sizeof state);
+    memcpy(stream, words, sizeof stream);
+    memcpy(deviation, spreads, sizeof deviation);
+    const pair seed = joined(stream[0], stream[0]), index = joined(stream[1], stream[1]);
     for (int k = 0; k < PARTS * 3; k++) sums[k] = ZERO;
     for (int k = 0; k < 3 * WIDTH; k++) tangents[k] = ZERO;
     for (int d = 0; d < WIDTH; d++) {
@@ -65,8 +85,9 @@ static void run_block(
     for (int64_t n = 0; n < steps; n++) {
         const double *row = inputs + n * N_INPUT;
         if (noisy) {
-            noise[0] = deviation[0] * standard_normal(stream[0], stream[1], 0u, (uint32_t)n);
-            noise[1] = deviation[1] * standard_normal(stream[0], stream[1], 1u, (uint32_t)n);
+            standard_normals(seed, index, (uint32_t)n, noise);
+            noise[0] *= deviation[0];
+            noise[1] *= deviation[1];
         }
         const real alive = state[ALIVE];
         step(state, parameters, row, noise, following, voltages, track);
@@ -86,7 +107,7 @@ static void run_block(
                 rate[d] = tracked[PIECES + piece] - (d ? ZERO : ends[1]);
             }
             const double length = row[piece], start = starts[n * PIECES + piece];
-            if (any_negative(error[0] * now[0]))
+            if (any(error[0] * now[0] < 0.0))
                 measure_crossing(error, now, slope, rate, start, length, added);
             else
                 measure(error, now, slope, rate, start, length, added);
@@ -129,9 +150,8 @@ void run(
     for (int64_t b = 0; b < blocks; b++)
         run_block(
             steps, inputs, starts, parts,
-            (const real *)(parameters + b * N_PARAMETER * WIDTH * LANES),
-            (const real *)(first + b * N_STATE * WIDTH * LANES),
-            (const word *)(stream + b * 2 * LANES), (const real *)(deviation + b * 2 * LANES),
-            noisy, (real *)(figures + b * N_FIGURES * LANES),
-            trace ? (real *)(trace + b * 4 * steps * LANES) : 0);
+            parameters + b * N_PARAMETER * WIDTH * LANES, first + b * N_STATE * WIDTH * LANES,
+            stream + b * 2 * LANES, deviation + b * 2 * LANES, noisy,
+            (anywhere *)(figures + b * N_FIGURES * LANES),
+            trace ? (anywhere *)(trace + b * 4 * steps * LANES) : 0);
 }

@@ -1,4 +1,4 @@
-"""The closed loop's CasADi step as C text, one statement an instruction, in vector lanes or not."""
+"""The closed loop's CasADi step as C text, one statement an instruction, in vector lanes."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import casadi as ca
 
+from maglev_design.simulate import compiled
 from maglev_design.simulate.compiled import figures_count, resource
 from maglev_design.simulate.graph import LoopGraph, metrics_program
 
@@ -27,15 +28,17 @@ _FORMS: dict[int, str] = {
     ca.OP_FLOOR: "lower({0})",
     ca.OP_FMIN: "smaller({0}, {1})",
     ca.OP_FMAX: "larger({0}, {1})",
-    ca.OP_LT: "truth({0} < {1})",
-    ca.OP_LE: "truth({0} <= {1})",
-    ca.OP_EQ: "truth({0} == {1})",
-    ca.OP_NE: "truth({0} != {1})",
-    ca.OP_NOT: "truth({0} == 0.0)",
-    ca.OP_AND: "truth(({0} != 0.0) & ({1} != 0.0))",
-    ca.OP_OR: "truth(({0} != 0.0) | ({1} != 0.0))",
+    ca.OP_LT: "{0} < {1}",
+    ca.OP_LE: "{0} <= {1}",
+    ca.OP_EQ: "{0} == {1}",
+    ca.OP_NE: "{0} != {1}",
+    ca.OP_NOT: "opposite({0})",
+    ca.OP_AND: "{0} & {1}",
+    ca.OP_OR: "{0} | {1}",
     ca.OP_IF_ELSE_ZERO: "guarded({0}, {1})",
 }
+_LOGIC = frozenset({ca.OP_NOT, ca.OP_AND, ca.OP_OR})
+_CONDITIONS = _LOGIC | {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE}
 
 
 def printed(
@@ -58,13 +61,15 @@ def printed(
     """
     names: dict[int, str] = {}
     stays: set[str] = set()
+    conditions: set[str] = set()
     made: dict[str, tuple[int, list[str]]] = {}
     lines: list[tuple[str, str]] = []
     for k in range(function.n_instructions()):
         kind, name = function.instruction_id(k), f"w{k}"
         sources, targets = function.instruction_input(k), function.instruction_output(k)
         if kind == ca.OP_OUTPUT:
-            lines.append(("", f"out{targets[0]}[{targets[1]}] = {names[sources[0]]};"))
+            value = _as_number(names[sources[0]], conditions)
+            lines.append(("", f"out{targets[0]}[{targets[1]}] = {value};"))
             continue
         if kind == ca.OP_INPUT:
             text, constant = read(*sources), sources[0] == fixed
@@ -74,14 +79,17 @@ def printed(
         else:
             operands = [names[s] for s in sources]
             made[name] = kind, operands
-            text = _choice(made, name) or _FORMS[kind].format(*operands)
+            text = _choice(made, name, conditions) or _operation(kind, operands, conditions)
             constant = stays.issuperset(operands)
             if kind == ca.OP_DIV and not constant and operands[1] in stays:
-                text = f"{operands[0]} * (1.0 / {operands[1]})"
+                text = _scaled(operands[0], operands[1], made, stays)
         if constant:
             stays.add(name)
+        if kind in _CONDITIONS:
+            conditions.add(name)
         names[targets[0]] = name
-        lines.append((name, f"const real {name} = {text};"))
+        kept = "mask" if kind in _CONDITIONS else "real"
+        lines.append((name, f"const {kept} {name} = {text};"))
     body = "\n    ".join(_needed(lines))
     return f"{head}\n{{\n    {body}\n}}\n"
 
@@ -97,7 +105,34 @@ def _needed(lines: list[tuple[str, str]]) -> list[str]:
     return kept[::-1]
 
 
-def _choice(made: dict[str, tuple[int, list[str]]], name: str) -> str | None:
+def _scaled(above: str, below: str, made: dict[str, tuple[int, list[str]]], stays: set[str]) -> str:
+    """Return above/below with what stays in one factor, also where it stands in a product above."""
+    kind, factors = made.get(above, (None, []))
+    kept = [x for x in factors if x in stays]
+    if kind == ca.OP_MUL and len(kept) == 1:
+        (moving,) = (x for x in factors if x not in stays)
+        return f"{moving} * ({kept[0]} / {below})"
+    return f"{above} * (1.0 / {below})"
+
+
+def _operation(kind: int, operands: list[str], conditions: set[str]) -> str:
+    """Return one operation; conditions stay conditions until one is used as a number."""
+    asked = len(operands) if kind in _LOGIC else int(kind == ca.OP_IF_ELSE_ZERO)
+    return _FORMS[kind].format(
+        *(_as_condition(x, conditions) for x in operands[:asked]),
+        *(_as_number(x, conditions) for x in operands[asked:]),
+    )
+
+
+def _as_number(name: str, conditions: set[str]) -> str:
+    return f"truth({name})" if name in conditions else name
+
+
+def _as_condition(name: str, conditions: set[str]) -> str:
+    return name if name in conditions else f"({name} != 0.0)"
+
+
+def _choice(made: dict[str, tuple[int, list[str]]], name: str, conditions: set[str]) -> str | None:
     """Return the sum (a where c, else 0) + (b where not c, else 0) as one choice; None for others.
 
     CasADi takes if_else apart into this sum.
@@ -107,10 +142,11 @@ def _choice(made: dict[str, tuple[int, list[str]]], name: str) -> str | None:
     if kind != ca.OP_ADD or parts != [ca.OP_IF_ELSE_ZERO] * 2:
         return None
     (first, a), (second, b) = (made[term][1] for term in terms)
+    a, b = (_as_number(x, conditions) for x in (a, b))
     if made.get(second) == (ca.OP_NOT, [first]):
-        return f"chosen({first} != 0.0, {a}, {b})"
+        return f"chosen({_as_condition(first, conditions)}, {a}, {b})"
     if made.get(first) == (ca.OP_NOT, [second]):
-        return f"chosen({second} != 0.0, {b}, {a})"
+        return f"chosen({_as_condition(second, conditions)}, {b}, {a})"
     return None
 
 
@@ -123,12 +159,12 @@ def _number(value: float) -> str:
     return repr(value)
 
 
-def source(loop: LoopGraph, lanes: int) -> str:
+def source(loop: LoopGraph) -> str:
     """Return the C text of a loop's kernel."""
     step, width = loop.step, 1 + loop.directions
     size = len(loop.state_names)
     sizes = {
-        "LANES": lanes,
+        "LANES": compiled.LANES,
         "N_STATE": size,
         "N_PARAMETER": len(loop.parameter_names),
         "N_INPUT": step.size1_in(2),

@@ -177,11 +177,10 @@ def batch(
     loop: LoopGraph,
     count: int,
     *,
-    lanes: int | None = None,
     noise: bool = False,
 ) -> Batch:
-    """Return `count` loops on plants that differ a little; more than one go in lanes."""
-    kernel = compiled.kernel(loop, lanes or (compiled.LANES if count > 1 else 1))
+    """Return `count` loops on plants that differ a little."""
+    kernel = compiled.kernel(loop)
     if kernel is None:
         raise RuntimeError("the benchmarks need a C compiler that works")
     beta = of.scenario.beta_plant
