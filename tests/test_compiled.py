@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import math
 import os
+import re
 import stat
 import subprocess
 import sys
@@ -464,6 +465,33 @@ def test_every_operation_is_that_of_the_interpreter(tmp_path: Path) -> None:
         with np.errstate(all="ignore"):
             expected = functions[name](x[None], y[None]).full().ravel()
         assert np.array_equal(found, expected, equal_nan=True), name
+
+
+def test_slopes_of_min_and_max_need_no_division(tmp_path: Path) -> None:
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    functions = {
+        name: ca.Function("slope", [x, y], [ca.gradient(3 * value, x)])
+        for name, value in (("of_max", ca.fmax(x, y)), ("of_min", ca.fmin(x, y)))
+    }
+    for function in functions.values():
+        text = printing.printed(function, "void f()", lambda k, _: "xy"[k])
+        assert "shared(" in text
+        assert "/" not in text
+    library = lowered(functions, tmp_path)
+    first = np.array([1.0, 2.0, 2.0, -0.0])
+    second = np.array([2.0, 1.0, 2.0, 0.0])
+    for name, function in functions.items():
+        expected = function(first[None], second[None]).full().ravel()
+        assert set(expected) == {0.0, 1.5, 3.0}
+        assert np.array_equal(applied(getattr(library, f"run_{name}"), first, second), expected)
+
+
+def test_a_value_is_divided_by_once() -> None:
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    function = ca.Function("f", [x, y], [x / y, (x + 1) / y, (x + 2) / y])
+    text = printing.printed(function, "void f()", lambda k, _: "xy"[k])
+    assert len(re.findall(r"= w\d+ / w\d+;", text)) == 1
+    assert text.count("* (1.0 / w") == 2
 
 
 def test_constants_keep_every_bit(tmp_path: Path) -> None:

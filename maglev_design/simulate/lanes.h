@@ -20,6 +20,10 @@ static inline real chosen(mask m, real a, real b) { return (real)((m & (mask)a) 
 static inline real truth(mask m) { return (real)(m & (mask)(ZERO + 1.0)); }
 static inline real guarded(mask m, real a) { return (real)(m & (mask)a); }
 static inline mask opposite(mask m) { return ~m; }
+static inline real shared(mask own, mask other)
+{
+    return guarded(own, chosen(other, ZERO + 0.5, ZERO + 1.0));
+}
 static inline real absolute(real a) { return (real)((mask)a & 0x7fffffffffffffffLL); }
 static inline real sign_of(real a) { return truth(a > 0.0) - truth(a < 0.0); }
 static inline real root(real a)

@@ -41,13 +41,18 @@ _LOGIC = frozenset({ca.OP_NOT, ca.OP_AND, ca.OP_OR})
 _CONDITIONS = _LOGIC | {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE}
 
 
+Made = dict[str, tuple[int, list[str]]]
+"""What each value is: operation and operands."""
+
+
 def printed(
     function: ca.Function, head: str, read: Callable[[int, int], str], fixed: int | None = None
 ) -> str:
     """Return an SX function as C, one statement an instruction.
 
     A quotient by what stays during the run becomes a product with its reciprocal, which the
-    compiler takes out of the loop; it is rounded once more.
+    compiler takes out of the loop, and so does each further quotient by one and the same value, as
+    the slopes of a quotient are; it is rounded once more.
 
     Parameters
     ----------
@@ -62,7 +67,8 @@ def printed(
     names: dict[int, str] = {}
     stays: set[str] = set()
     conditions: set[str] = set()
-    made: dict[str, tuple[int, list[str]]] = {}
+    divisors: set[str] = set()
+    made: Made = {}
     lines: list[tuple[str, str]] = []
     for k in range(function.n_instructions()):
         kind, name = function.instruction_id(k), f"w{k}"
@@ -79,10 +85,15 @@ def printed(
         else:
             operands = [names[s] for s in sources]
             made[name] = kind, operands
-            text = _choice(made, name, conditions) or _operation(kind, operands, conditions)
             constant = stays.issuperset(operands)
-            if kind == ca.OP_DIV and not constant and operands[1] in stays:
-                text = _scaled(operands[0], operands[1], made, stays)
+            text = (
+                _choice(made, name, conditions)
+                or _share(made, name)
+                or (None if constant else _product(made, name, stays, divisors))
+                or _operation(kind, operands, conditions)
+            )
+            if kind == ca.OP_DIV:
+                divisors.add(operands[1])
         if constant:
             stays.add(name)
         if kind in _CONDITIONS:
@@ -105,11 +116,18 @@ def _needed(lines: list[tuple[str, str]]) -> list[str]:
     return kept[::-1]
 
 
-def _scaled(above: str, below: str, made: dict[str, tuple[int, list[str]]], stays: set[str]) -> str:
-    """Return above/below with what stays in one factor, also where it stands in a product above."""
-    kind, factors = made.get(above, (None, []))
+def _product(made: Made, name: str, stays: set[str], divisors: set[str]) -> str | None:
+    """Return a quotient by what stays, or by what was divided by before, as a product.
+
+    With what stays in one factor, also where it stands in the product above; None for the rest.
+    """
+    kind, operands = made[name]
+    if kind != ca.OP_DIV or operands[1] not in stays | divisors:
+        return None
+    above, below = operands
+    form, factors = made.get(above, (None, []))
     kept = [x for x in factors if x in stays]
-    if kind == ca.OP_MUL and len(kept) == 1:
+    if below in stays and form == ca.OP_MUL and len(kept) == 1:
         (moving,) = (x for x in factors if x not in stays)
         return f"{moving} * ({kept[0]} / {below})"
     return f"{above} * (1.0 / {below})"
@@ -132,7 +150,7 @@ def _as_condition(name: str, conditions: set[str]) -> str:
     return name if name in conditions else f"({name} != 0.0)"
 
 
-def _choice(made: dict[str, tuple[int, list[str]]], name: str, conditions: set[str]) -> str | None:
+def _choice(made: Made, name: str, conditions: set[str]) -> str | None:
     """Return the sum (a where c, else 0) + (b where not c, else 0) as one choice; None for others.
 
     CasADi takes if_else apart into this sum.
@@ -148,6 +166,23 @@ def _choice(made: dict[str, tuple[int, list[str]]], name: str, conditions: set[s
     if made.get(first) == (ca.OP_NOT, [second]):
         return f"chosen({_as_condition(second, conditions)}, {b}, {a})"
     return None
+
+
+def _share(made: Made, name: str) -> str | None:
+    """Return (a <= b)/((a <= b) + (b <= a)) without a division; None for anything else.
+
+    CasADi's slope of min and max: 1 for the one that is taken, 1/2 for each of two equal ones.
+    """
+    kind, operands = made[name]
+    if kind != ca.OP_DIV:
+        return None
+    own, total = operands
+    form, (low, high) = made.get(own, (None, ["", ""]))
+    sign, terms = made.get(total, (None, []))
+    if form != ca.OP_LE or sign != ca.OP_ADD or own not in terms:
+        return None
+    other = terms[1 - terms.index(own)]
+    return f"shared({own}, {other})" if made.get(other) == (ca.OP_LE, [high, low]) else None
 
 
 def _number(value: float) -> str:

@@ -132,6 +132,8 @@ class Batch:
     scenarios: list[Scenario]
     first: Array
     parameters: Array
+    stream: NDArray[np.uint32]
+    deviation: Array
     tangents: list[Any] | None
 
     @property
@@ -141,15 +143,14 @@ class Batch:
 
     def run(self, threads: int = 1) -> Array:
         """Run them all: arrays in, figures out."""
-        stream = np.array([(s.seed, s.index) for s in self.scenarios], dtype=np.uint32)
         figures, _ = compiled.run(
             self.loop,
             self.kernel,
             self.first,
             self.parameters,
-            stream,
-            np.array([s.deviations(self.of.rig) for s in self.scenarios]),
-            noisy=any(s.noise for s in self.scenarios),
+            self.stream,
+            self.deviation,
+            noisy=self.scenarios[0].noise,
             threads=threads,
         )
         return figures
@@ -200,4 +201,7 @@ def batch(
             np.concatenate([x, start_tangent(loop, of.design, s, f, own.gains).ravel(order="F")])
             for x, s, f in zip(states, scenarios, firsts, strict=True)
         ]
-    return Batch(of, loop, kernel, scenarios, np.array(states), np.array(vectors), tangents)
+    stream = np.array([(s.seed, s.index) for s in scenarios], dtype=np.uint32)
+    deviation = np.array([s.deviations(of.rig) for s in scenarios])
+    first, parameters = np.array(states), np.array(vectors)
+    return Batch(of, loop, kernel, scenarios, first, parameters, stream, deviation, tangents)
