@@ -201,6 +201,14 @@ def controller_names(method: Method | None, controller: Controller = TAN_GPI) ->
     return tuple(name for name in law.inputs if name not in moving)
 
 
+def pole_names(method: Method | None, controller: Controller = TAN_GPI) -> frozenset[str]:
+    """Return the parameters that the poles move: the gains and what is computed from them."""
+    gains = designs.gain_names(controller)
+    if method is None:
+        return frozenset(gains)
+    return frozenset((*gains, *designs.coefficients_program(method, controller).outputs))
+
+
 def contact_gap(rig: Rig) -> float:
     """Return the gap at which the ball counts as touching the magnet [m]."""
     return max(rig.limits.gap[0], CONTACT * rig.operating_point.gap)

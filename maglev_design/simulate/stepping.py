@@ -27,6 +27,7 @@ from maglev_design.simulate.graph import (
     coil_program,
     continuous_program,
     metrics_program,
+    pole_names,
     rounded,
     start_program,
     step_program,
@@ -38,7 +39,10 @@ SIXTH = 1 / 6  # a product is faster than a division
 def step_function(loop: LoopGraph) -> ca.Function:
     """Return one period of a loop; see :attr:`LoopGraph.step`."""
     step = _plain_step(loop)
-    return _with_tangents(step, loop.directions) if loop.directions else step
+    if not loop.directions:
+        return step
+    moved = pole_names(loop.method, loop.controller)
+    return _with_tangents(step, loop.directions, [name in moved for name in loop.parameter_names])
 
 
 def _plain_step(loop: LoopGraph) -> ca.Function:
@@ -186,17 +190,19 @@ def _runge_kutta(rates: Any, z: Any, h: Any) -> Any:
     return z + h * SIXTH * (a + 2 * (b + c) + d)
 
 
-def _with_tangents(step: ca.Function, directions: int) -> ca.Function:
+def _with_tangents(step: ca.Function, directions: int, moved: Sequence[bool]) -> ca.Function:
     """Return the step that carries its forward sensitivities along, `directions` columns.
 
-    With s' = F(s, q): S' = dF/ds S + dF/dq Q, Q the tangent of the parameters.
+    With s' = F(s, q): S' = dF/ds S + dF/dq Q, Q the tangent of the parameters, zero in the rows
+    that are not `moved`.
     """
     shapes = [step.size1_in(n) for n in range(4)]
     s, q, inputs, noise = (ca.SX.sym(name, size) for name, size in zip("sqin", shapes, strict=True))
     tangent, seed = ca.SX.sym("S", shapes[0], directions), ca.SX.sym("Q", shapes[1], directions)
     outputs = step(s, q, inputs, noise)
-    seeds = ca.vertcat(tangent, seed)
-    moved = [ca.vec(ca.jtimes(x, ca.vertcat(s, q), seeds)) for x in outputs]
+    rows = [seed[n, :] if used else ca.SX(1, directions) for n, used in enumerate(moved)]
+    seeds = ca.vertcat(tangent, *rows)
+    slopes = [ca.vec(ca.jtimes(x, ca.vertcat(s, q), seeds)) for x in outputs]
     return ca.Function(
         "step",
         [
@@ -205,7 +211,7 @@ def _with_tangents(step: ca.Function, directions: int) -> ca.Function:
             inputs,
             noise,
         ],
-        [ca.vertcat(x, dx) for x, dx in zip(outputs, moved, strict=True)],
+        [ca.vertcat(x, dx) for x, dx in zip(outputs, slopes, strict=True)],
         step.name_in(),
         step.name_out(),
     )

@@ -33,7 +33,7 @@ class Tangent:
     Attributes
     ----------
     parameters : array, shape (n_parameters, directions)
-        Of the loop's parameter vector.
+        Of the loop's parameter vector; only :func:`maglev_design.simulate.graph.pole_names` move.
     gains : array, shape (n_gains, directions)
         Of the law's gains.
     """
