@@ -88,7 +88,9 @@ def with_document(record: DesignRecord, **changes: Any) -> DesignRecord:
 
 def test_the_command_names_every_choice_that_is_no_default() -> None:
     record = tuned()
-    assert tune_command(record) == "maglev-design tune --rig rig.toml -o design"
+    assert tune_command(record) == "maglev-design tune --rig rig.toml --pareto -o design"
+    plain = with_document(record, pareto=None)
+    assert tune_command(plain) == "maglev-design tune --rig rig.toml -o design"
     changed = with_document(
         record,
         objective="ise",
@@ -102,6 +104,7 @@ def test_the_command_names_every_choice_that_is_no_default() -> None:
         constraints=[
             {"name": "Ms", "limit": 1.8},
             {"name": "noise voltage", "limit": 0.125},
+            {"name": "Lyapunov certificate", "limit": 1.0},
         ],
     )
     words = tune_command(changed)
@@ -116,6 +119,7 @@ def test_the_command_names_every_choice_that_is_no_default() -> None:
         "--poles distinct",
         "--seed 3",
         "--allow-saturation",
+        "--certify",
         "--zeta-bounds 0.5 2",
         "--omega-bounds 20 300.5",
     ):

@@ -56,6 +56,8 @@ def tune_command(record: DesignRecord) -> str:
             words += [option, _typed(value)]
     if not {"largest commanded voltage", "smallest commanded voltage"} & limits.keys():
         words += ["--allow-saturation"]
+    words += ["--certify"] if defaults.CERTIFICATE in limits else []
+    words += ["--pareto"] if document.get("pareto") else []
     searched = document["bounds"]
     for option, bounds, usual in (
         ("--zeta-bounds", searched["zeta"], defaults.ZETA_BOUNDS),

@@ -118,20 +118,23 @@ def _latex_character(character: str) -> str:
     return f"{{[U+{ord(character):04X}]}}"
 
 
-def markdown_text(text: str) -> str:
+def markdown_text(text: str, *, begins: bool = True) -> str:
     r"""Return `text` so that no renderer of markdown takes a part of it for markup.
+
+    A list or a heading is made by what `begins` a line; the rest may stand there unescaped.
 
     Examples
     --------
     >>> markdown_text("<b> *d*")
     '\\<b\\> \\*d\\*'
     """
-    return _MARKDOWN_MARK.sub(r"\1\2\\", _MARKDOWN_SPECIAL.sub(r"\\\1", text))
+    marked = _MARKDOWN_SPECIAL.sub(r"\\\1", text)
+    return _MARKDOWN_MARK.sub(r"\1\2\\", marked) if begins else marked
 
 
-def markdown_line(text: str) -> str:
+def markdown_line(text: str, *, begins: bool = True) -> str:
     """Return `text` in one line, what cannot be printed replaced, and nothing of it markup."""
-    return markdown_text(one_line(text))
+    return markdown_text(one_line(text), begins=begins)
 
 
 def markdown_code(text: str) -> str:

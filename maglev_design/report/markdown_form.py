@@ -99,10 +99,10 @@ def _table(report: Report, table: Table) -> list[str]:
 
 
 def _runs(report: Report, runs: Runs) -> str:
-    return "".join(_inline(report, run) for run in runs)
+    return "".join(_inline(report, run, begins=n == 0) for n, run in enumerate(runs))
 
 
-def _inline(report: Report, run: Inline) -> str:
+def _inline(report: Report, run: Inline, *, begins: bool) -> str:
     match run:
         case Maths(latex):
             return f"${markdown_maths(latex)}$"
@@ -114,10 +114,10 @@ def _inline(report: Report, run: Inline) -> str:
             return number_text(value, unit, digits)
         case Link(target):
             return report.labels[target]
-    return _spaced(run)
+    return _spaced(run, begins=begins)
 
 
-def _spaced(text: str) -> str:
+def _spaced(text: str, *, begins: bool) -> str:
     """Return text in one line, with a space at its ends where it had one."""
     before, after = text[:1].isspace(), text[-1:].isspace() and bool(text.strip())
-    return " " * before + markdown_line(text) + " " * after
+    return " " * before + markdown_line(text, begins=begins) + " " * after

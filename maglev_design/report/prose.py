@@ -64,8 +64,10 @@ def runs(text: str) -> Runs:
 def markdown(text: str) -> str:
     """Return a sentence as markdown with maths."""
     return "".join(
-        f"${markdown_maths(run.latex)}$" if isinstance(run, Maths) else markdown_text(str(run))
-        for run in runs(text)
+        f"${markdown_maths(run.latex)}$"
+        if isinstance(run, Maths)
+        else markdown_text(str(run), begins=n == 0)
+        for n, run in enumerate(runs(text))
     )
 
 
