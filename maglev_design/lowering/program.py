@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import keyword
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
@@ -70,6 +70,23 @@ class Program:
             else:
                 slots.append(operators[operation.name](*[slots[a] for a in operation.arguments]))
         return [slots[position] for position in self.results]
+
+    def depending(self, names: Collection[str]) -> frozenset[str]:
+        """Return the outputs that any of the inputs `names` enters.
+
+        Examples
+        --------
+        >>> from sympy import symbols
+        >>> from maglev_design.lowering import lower
+        >>> x, y = symbols("x y")
+        >>> sorted(lower((x, y), {"a": x + 1, "b": x * y, "c": 2 * y}).depending(["y"]))
+        ['b', 'c']
+        """
+        touched = [name in names for name in self.inputs]
+        for operation in self.operations[len(touched) :]:
+            touched.append(any(touched[a] for a in operation.arguments))
+        ends = zip(self.outputs, self.results, strict=True)
+        return frozenset(name for name, position in ends if touched[position])
 
     def casadi(self, *values: Any) -> list[Any]:
         """Return the outputs as CasADi expressions of the given CasADi `values`.

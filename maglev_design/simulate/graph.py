@@ -203,10 +203,10 @@ def controller_names(method: Method | None, controller: Controller = TAN_GPI) ->
 
 def pole_names(method: Method | None, controller: Controller = TAN_GPI) -> frozenset[str]:
     """Return the parameters that the poles move: the gains and what is computed from them."""
-    gains = designs.gain_names(controller)
+    gains = frozenset(designs.gain_names(controller))
     if method is None:
-        return frozenset(gains)
-    return frozenset((*gains, *designs.coefficients_program(method, controller).outputs))
+        return gains
+    return gains | designs.coefficients_program(method, controller).depending(gains)
 
 
 def contact_gap(rig: Rig) -> float:

@@ -89,7 +89,7 @@ def printed(
             text = (
                 _choice(made, name, conditions)
                 or _share(made, name)
-                or (None if constant else _product(made, name, stays, divisors))
+                or (None if constant else _product(made, name, stays, divisors, conditions))
                 or _operation(kind, operands, conditions)
             )
             if kind == ca.OP_DIV:
@@ -116,7 +116,9 @@ def _needed(lines: list[tuple[str, str]]) -> list[str]:
     return kept[::-1]
 
 
-def _product(made: Made, name: str, stays: set[str], divisors: set[str]) -> str | None:
+def _product(
+    made: Made, name: str, stays: set[str], divisors: set[str], conditions: set[str]
+) -> str | None:
     """Return a quotient by what stays, or by what was divided by before, as a product.
 
     With what stays in one factor, also where it stands in the product above; None for the rest.
@@ -130,7 +132,7 @@ def _product(made: Made, name: str, stays: set[str], divisors: set[str]) -> str 
     if below in stays and form == ca.OP_MUL and len(kept) == 1:
         (moving,) = (x for x in factors if x not in stays)
         return f"{moving} * ({kept[0]} / {below})"
-    return f"{above} * (1.0 / {below})"
+    return f"{_as_number(above, conditions)} * (1.0 / {_as_number(below, conditions)})"
 
 
 def _operation(kind: int, operands: list[str], conditions: set[str]) -> str:

@@ -256,5 +256,6 @@ def sweep(of: Subject, folder: Path, sizes: Sizes) -> Data:
     samples, chunk = sizes.sweep
     return {
         "whole": jobs.sweeping(of, folder / "sweep", samples, chunk, apart=sizes.peers),
-        "steady": jobs.steady(of, samples, chunk) if sizes.peers else None,
+        # a rate of seconds: half a second is ten chunks, and one more or less is ten per cent
+        "steady": jobs.steady(of, 4 * samples, chunk) if sizes.peers else None,
     }
