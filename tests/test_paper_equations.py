@@ -32,7 +32,7 @@ SAID_IN_THE_DERIVATION = {
     "A1": "Corrected",
     "A2": "Corrected",
     "A7": "Corrected",
-    "24": "lacks its s",
+    "24": "lacks its `s`",
     "21": "where that of the error stands",
 }
 """Misprints, with the words of the derivation's reason that say so."""
