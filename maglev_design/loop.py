@@ -24,6 +24,8 @@ from scipy.optimize import minimize
 
 from maglev_design import design as designs
 from maglev_design.choices import TAN_GPI, Controller, Equilibrium, Method
+from maglev_design.design import Believed, Design
+from maglev_design.errors import InputError
 from maglev_design.parameters import Rig
 from maglev_design.programs import program
 
@@ -35,6 +37,8 @@ FINE, COARSE = (5, 3), (3, 2)
 """Gaps and ratios of the grids: for one design, and for each point of a box of designs."""
 FINE_FREQUENCIES, COARSE_FREQUENCIES = 160, 60
 """Frequencies of the first look for the peak of |S|."""
+DEFAULT_VOLTAGE_ERROR = 0.01
+"""Relative error of a measured U where the rig does not state it."""
 ZOOMS = 9
 """Divisions of a neighbourhood by four: the angle is good to 1e-7, the peak to its square."""
 
@@ -65,19 +69,70 @@ class Extreme:
 
 @dataclass(frozen=True)
 class Family:
-    """The gaps [m] and ratios over which a worst case is taken: two intervals."""
+    """The plants over which a worst case is taken, and the gaps at which the ball may be.
+
+    Linearised, a plant is known by its beta and by y + y0; a plant whose y0 is larger by a shift
+    is that of the rig at a gap larger by as much. So the family is a union of rectangles.
+
+    Attributes
+    ----------
+    gaps : tuple of float
+        [m]
+    ratios : tuple of float
+        beta_c/beta at the rig's y0.
+    shifts : tuple of float
+        True y0 less the rig's [m].
+    held : float or None
+        Z = Y + y0 [m] of the rig where the plants are known by the voltage that holds the ball at
+        Y: another y0 then comes with another beta, beta = g Z^2/U^2. None where the two are
+        independent.
+    """
 
     gaps: tuple[float, float]
     ratios: tuple[float, float]
+    shifts: tuple[float, float] = (0.0, 0.0)
+    held: float | None = None
+
+    def ratio_at(self, ratio: float, shift: float) -> float:
+        """Return beta_c/beta of the plant that has `ratio` at the rig's y0, at another y0."""
+        return ratio if self.held is None else ratio * (self.held / (self.held + shift)) ** 2
+
+    @property
+    def shift_values(self) -> tuple[float, ...]:
+        """The shifts that are looked at: none, and both ends [m]."""
+        return tuple(dict.fromkeys((0.0, *self.shifts)))
+
+    @property
+    def rectangles(self) -> tuple[Family, ...]:
+        """Gaps of the rig's y0 and ratios whose union stands for the family."""
+        if self.shifts == (0.0, 0.0):
+            return (self,)
+        (low, high), (weak, strong) = self.gaps, self.ratios
+        if self.held is None:
+            return (Family((low + self.shifts[0], high + self.shifts[1]), self.ratios),)
+        return tuple(
+            Family(
+                (low + shift, high + shift),
+                (self.ratio_at(weak, shift), self.ratio_at(strong, shift)),
+            )
+            for shift in self.shift_values
+        )
 
     def corner_columns(self, gaps: int, ratios: int) -> list[int]:
         """Return the columns of :meth:`grid` that are corners, each once."""
-        points = self.grid(gaps, ratios)
-        ends = np.isin(points[0], self.gaps) & np.isin(points[1], self.ratios)
-        return [int(n) for n in np.flatnonzero(ends)]
+        found: list[int] = []
+        count = 0
+        for part in self.rectangles:
+            points = part.grid(gaps, ratios)
+            ends = np.isin(points[0], part.gaps) & np.isin(points[1], part.ratios)
+            found += [count + int(n) for n in np.flatnonzero(ends)]
+            count += points.shape[1]
+        return found
 
     def grid(self, gaps: int, ratios: int) -> Array:
         """Return the points of a grid, shape (2, n): gaps in row 0, ratios in row 1."""
+        if len(self.rectangles) > 1 or self.shifts != (0.0, 0.0):
+            return np.hstack([part.grid(gaps, ratios) for part in self.rectangles])
         gap = np.unique(np.linspace(*self.gaps, gaps))
         ratio = np.unique(np.linspace(*self.ratios, ratios))
         return np.stack([axis.ravel() for axis in np.meshgrid(gap, ratio, indexing="ij")])
@@ -114,44 +169,89 @@ class Loop:
     hurwitz: ca.Function
 
 
-def family(rig: Rig, beta_error: float) -> Family:
-    """Return the hull of path, initial gap and Y, times the ratios [1 - u, 1 + u]."""
-    gaps = designs.path_gaps(rig, 2)
-    return Family((float(gaps[0]), float(gaps[-1])), (1 - beta_error, 1 + beta_error))
+def family(rig: Rig, equilibrium: Equilibrium = "model", beta_error: float | None = None) -> Family:
+    """Return the plants of `rig` under a reading, at the hull of path, initial gap and Y.
+
+    Ratios: 1 +- `beta_error`, by default the rig's ``uncertainty.beta``; under ``measured``, where
+    no error of beta is given, (1 +- d)^2 with d the relative error of the measured voltage.
+
+    Raises
+    ------
+    InputError
+        For an error outside [0, 1).
+    """
+    low, high = designs.path_gaps(rig, 2)[[0, -1]]
+    plant, stated = rig.plant, rig.uncertainty
+    offsets = (plant.gap_offset,) if stated.gap_offset is None else stated.gap_offset.reach
+    shifts = (offsets[0] - plant.gap_offset, offsets[-1] - plant.gap_offset)
+    held = None
+    if equilibrium == "measured":
+        held = rig.operating_point.gap + plant.gap_offset
+    if equilibrium == "measured" and beta_error is None:
+        d = DEFAULT_VOLTAGE_ERROR if stated.voltage is None else stated.voltage
+        ratios = ((1 - d) ** 2, (1 + d) ** 2)
+    else:
+        error = stated.beta if beta_error is None else beta_error
+        if not 0 <= error < 1:
+            raise InputError(f"beta error = {error!r} [-]: must be at least 0 and less than 1")
+        ratios = (1 - error, 1 + error)
+    return Family((float(low), float(high)), ratios, shifts, held)
+
+
+def loop_of(rig: Rig, design: Design, *, extra_samples: int = 0) -> Loop:
+    """Return the loop of a design: its functions have no poles to depend on, and take none."""
+    return build_loop(
+        rig,
+        design.believed,
+        method=design.method,
+        controller=design.controller,
+        gains=design.gains,
+        extra_samples=extra_samples,
+    )
 
 
 @lru_cache(maxsize=64)
 def build_loop(
     rig: Rig,
+    believed: Believed,
     *,
-    equilibrium: Equilibrium,
     method: Method,
     controller: Controller = TAN_GPI,
+    gains: tuple[float, ...] | None = None,
     extra_samples: int = 0,
 ) -> Loop:
-    """Return the loop of `rig`'s controller, with `extra_samples` more whole periods of delay."""
+    """Return the loop of a controller with fixed numbers around the plants of `rig`.
+
+    Parameters
+    ----------
+    believed : Believed
+        The controller's; a ratio beta_c/beta moves the plant's beta = believed.beta/ratio.
+    gains : tuple of float, optional
+        The law's; without them the poles place them.
+    extra_samples : int
+        More whole periods of delay.
+    """
     when = designs.timing(rig.sampling.period, rig.sampling.delay)
     whole = when.whole + extra_samples
-    period, plant, point = rig.sampling.period, rig.plant, rig.operating_point
+    period, plant = rig.sampling.period, rig.plant
     poles, gap, ratio = ca.SX.sym("poles", 4), ca.SX.sym("gap"), ca.SX.sym("ratio")
     theta = ca.SX.sym("theta")
 
-    beta_c = designs.plant_beta(rig)
-    beta = beta_c / ratio
-    gains = designs.gains_program(controller).casadi(*ca.vertsplit(poles))
-    offset = plant.gap_offset
-    at_rest = designs.plant_program().casadi(plant.gravity, beta, offset, point.gap)
-    voltage = point.voltage or at_rest[0]
-    _, c_u_hat, c_y_hat, beta_hat = designs.believed_program(equilibrium).casadi(
-        plant.gravity, beta_c, point.gap, offset, voltage
+    beta = believed.beta / ratio
+    placed = (
+        designs.gains_program(controller).casadi(*ca.vertsplit(poles))
+        if gains is None
+        else [ca.SX(k) for k in gains]
     )
+    offset = plant.gap_offset
     held, c_u, c_y = designs.plant_program().casadi(plant.gravity, beta, offset, gap)
     slope, believed_gain = designs.slope_program(controller).casadi(
-        held, gap, beta_hat, offset, c_u_hat
+        held, gap, believed.beta, offset, believed.C_U
     )
     gain = c_u * slope
 
-    parts = _sampled(method, controller, gain, c_u_hat, c_y_hat, c_y, period, when.part, *gains)
+    known = (believed.C_U, believed.C_Y, c_y, period, when.part)
+    parts = _sampled(method, controller, gain, *known, *placed)
     late = [ca.SX(0)] * whole
     numerator, denominator = parts["num"], parts["den"] + late
     closed = _sum(denominator, numerator)
@@ -162,7 +262,7 @@ def build_loop(
     coefficients = ca.vertcat(*closed)
     effort = [slope * x for x in parts["effort"]] + late
     noise = ca.sqrt(_mean_square(effort, closed))
-    shares = program("hurwitz", controller).casadi(gain / believed_gain, c_y, c_y_hat, *gains)
+    shares = program("hurwitz", controller).casadi(gain / believed_gain, c_y, believed.C_Y, *placed)
     margin = ca.mmin(ca.vertcat(*shares))
     return Loop(
         period=period,
@@ -249,8 +349,9 @@ def peak_sensitivities(loop: Loop, poles: Sequence[float], over: Family) -> tupl
         _extreme(value, slope, at, loop.period)
         for value, slope, at in zip(values.full().ravel(), slopes.T, where.T, strict=True)
     ]
-    if not _is_local_maximum(over, where[:2, 0], moves.full().ravel()[:2]):
-        best = _climb(loop, poles, over, where[:, 0])
+    around = next(part for part in over.rectangles if _inside(part, where[:2, 0]))
+    if not _is_local_maximum(around, where[:2, 0], moves.full().ravel()[:2]):
+        best = _climb(loop, poles, around, where[:, 0])
         value, slope, _ = loop.sensitivity(poles, *best)
         found[0] = _extreme(float(value), slope.full().ravel(), best, loop.period)
     return tuple(found)
@@ -259,6 +360,11 @@ def peak_sensitivities(loop: Loop, poles: Sequence[float], over: Family) -> tupl
 def _extreme(value: float, slope: Array, where: Array, period: float) -> Extreme:
     gap, ratio, theta = (float(x) for x in where)
     return Extreme(float(value), gap, ratio, theta / period, np.asarray(slope))
+
+
+def _inside(part: Family, where: Array) -> bool:
+    ends = zip(where, (part.gaps, part.ratios), strict=True)
+    return all(low <= x <= high for x, (low, high) in ends)
 
 
 def _is_local_maximum(over: Family, where: Array, slopes: Array) -> bool:

@@ -19,7 +19,7 @@ from typing import Annotated, Any, Literal, Self, get_args
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from maglev_design.choices import Method
+from maglev_design.choices import DEFAULT_PRESET, Method
 from maglev_design.errors import InputError, nearest
 
 LONGEST_GAP = 0.5
@@ -293,16 +293,24 @@ def _beyond(name: str, spread: Spread, value: float, allowed: str) -> PydanticCu
 
 
 class Uncertainty(Section):
-    """How far the parameters may be off; all but `beta` are read by ``sweep`` alone.
+    """How far the parameters may be off; beta, voltage and gap_offset make the family of plants.
 
-    Each but `beta` is ``[lower, upper]`` or a table, see :class:`Spread`, in the unit of the
-    parameter. Where mass, current_gain or force_constant is given, the plant's beta follows from
-    what is drawn, and `beta` is not used; else the true beta is beta_c/ratio with the ratio uniform
-    in [1 - u, 1 + u].
+    Each but `beta` and `voltage` is ``[lower, upper]`` or a table, see :class:`Spread`, in the unit
+    of the parameter. In a sweep the plant's beta follows from what is drawn where mass,
+    current_gain or force_constant is given, and `beta` is not used; else the true beta is
+    beta_c/ratio with the ratio uniform over the family.
     """
 
     beta: Number = _quantity(
         "-", "`u`: `beta_c/beta` may be anywhere in `[1 - u, 1 + u]`", default=0.0, ge=0, lt=1
+    )
+    voltage: Number | None = _quantity(
+        "-",
+        "`d`: relative error of the measured `operating_point.voltage`, which stands for that of "
+        "`beta` under the reading `measured`; 0.01 where it is absent",
+        default=None,
+        ge=0,
+        lt=1,
     )
     mass: Spread | None = _drawn("mass")
     current_gain: Spread | None = _drawn("current_gain")
@@ -489,6 +497,15 @@ def preset_text(name: str) -> str:
             f"presets: {', '.join(preset_names())}"
         )
     return (resources.files("maglev_design") / "presets" / f"{name}.toml").read_text("utf-8")
+
+
+def is_papers(rig: Rig) -> bool:
+    """Whether the plant, the equilibrium and the move are the paper's, whatever else is not."""
+    paper = load_rig(DEFAULT_PRESET)
+    same = ("plant", "reference")
+    return rig.operating_point.gap == paper.operating_point.gap and all(
+        getattr(rig, name) == getattr(paper, name) for name in same
+    )
 
 
 def load_rig(source: str | Path) -> Rig:

@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design import __version__
-from maglev_design.choices import EQUILIBRIA, METHODS, SCHEMA_VERSION
-from maglev_design.design import PAPER_POLES, Design, PoleSpec, make_design
+from maglev_design.choices import SCHEMA_VERSION
+from maglev_design.design import Design, coefficient_inputs, difference_coefficients
+from maglev_design.design_data import design_as_data, design_from_data
 from maglev_design.errors import InputError
 from maglev_design.files import digest, read_document, write_bytes
 from maglev_design.parameters import Rig, make_rig
@@ -122,33 +123,22 @@ def _certificate(found: LmiCertificate) -> dict[str, Any]:
     }
 
 
-def design_as_data(design: Design) -> dict[str, Any]:
-    """Return a controller as JSON data, every number to the last digit."""
-    believed = design.believed
-    return {
-        "poles": [list(design.poles.first), list(design.poles.second)],
-        "equilibrium": design.equilibrium,
-        "method": design.method,
-        "gains": list(design.gains),
-        "believed": {"U": believed.U, "C_U": believed.C_U, "C_Y": believed.C_Y},
-        "Y": design.Y,
-        "coefficients": dict(design.coefficients),
-    }
-
-
 def _curves(result: TuneResult) -> dict[str, NDArray[np.float64]]:
     """Return the responses and the landscape behind the plots."""
     from maglev_design.tune.problem import Case, design_at, scenario_at  # noqa: PLC0415
 
     problem = result.problem
     curves: dict[str, NDArray[np.float64]] = {}
-    for label, poles, ratio in (
-        ("worst", result.poles, result.figures.ratio),
-        ("nominal", result.poles, 1.0),
-        ("baseline", PoleSpec.double(*PAPER_POLES), result.baseline.ratio),
-    ):
-        scenario = scenario_at(problem, Case(), ratio)
-        response = simulate(problem.runs, design_at(problem, poles, ratio), scenario)
+    shown = [
+        ("worst", result.poles, result.figures.case, result.figures.ratio),
+        ("nominal", result.poles, Case(), 1.0),
+    ]
+    if result.baseline is not None:
+        found = result.baseline
+        shown.append(("baseline", found.poles, found.figures.case, found.figures.ratio))
+    for label, poles, case, ratio in shown:
+        scenario = scenario_at(problem, case, ratio)
+        response = simulate(problem.runs, design_at(problem, poles), scenario)
         curves[f"{label}_gap"] = response.gap
         curves[f"{label}_commanded"] = response.commanded
         curves["times"], curves["reference"] = response.times, response.reference
@@ -208,7 +198,8 @@ def load(path: Path) -> DesignRecord:
         )
     try:
         rig = rig_from_data(document["rig"], str(path))
-        design = _design(rig, document["design"], path)
+        design = design_from_data(document["design"], str(path))
+        _check_numbers(rig, design, path)
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise InputError(f"{path}: damaged: {type(error).__name__} at {error}") from error
     return DesignRecord(rig, design, document, _read_curves(path.with_suffix(".npz")))
@@ -225,29 +216,13 @@ def _read_curves(path: Path) -> Curves:
         raise InputError(f"{path}: damaged, not the curves of a design record") from error
 
 
-def _design(rig: Rig, data: Mapping[str, Any], path: Path) -> Design:
-    """Return the controller of a record, computed anew and compared with what is stored."""
-    if data["equilibrium"] not in EQUILIBRIA or data["method"] not in METHODS:
-        raise InputError(f"{path}: design: unknown equilibrium or method")
-    first, second = ((float(zeta), float(omega_n)) for zeta, omega_n in data["poles"])
-    try:
-        poles = PoleSpec(first, second)
-    except InputError as error:
-        raise InputError(f"{path}: design: {error}") from error
-    design = make_design(rig, poles, equilibrium=data["equilibrium"], method=data["method"])
-    if not _agree(data, finite(design_as_data(design))):
-        raise InputError(f"{path}: the gains do not belong to the poles and the rig; tune again")
-    return design
-
-
-def _agree(stored: Any, computed: Any) -> bool:
-    """Whether two pieces of plain data have the same shape, names and (to rounding) numbers."""
-    if isinstance(stored, dict) and isinstance(computed, dict):
-        return stored.keys() == computed.keys() and all(
-            _agree(stored[name], computed[name]) for name in stored
+def _check_numbers(rig: Rig, design: Design, path: Path) -> None:
+    """Raise `InputError` where a controller's difference equation is not that of its gains."""
+    known = coefficient_inputs(rig, design.believed) | design.named_gains
+    made = difference_coefficients(known, design.method, design.controller)
+    if made.keys() != design.coefficients.keys() or not all(
+        math.isclose(made[name], design.coefficients[name], rel_tol=1e-12) for name in made
+    ):
+        raise InputError(
+            f"{path}: the difference equation does not belong to the gains and the rig; tune again"
         )
-    if isinstance(stored, list) and isinstance(computed, list):
-        return len(stored) == len(computed) and all(map(_agree, stored, computed))
-    if isinstance(stored, int | float) and isinstance(computed, int | float):
-        return math.isclose(stored, computed, rel_tol=1e-12)
-    return bool(stored == computed)

@@ -26,6 +26,7 @@ FLOORS = {
     "lowering": 1,  # SymPy's expressions, whatever they mean
     "programs": 2,
     "design": 3,
+    "design_data": 4,
     "loop": 4,  # stands on design
     "simulate": 4,
     "tune": 5,

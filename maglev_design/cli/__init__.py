@@ -332,6 +332,13 @@ def tune(
             "--pareto", help="Show what robustness costs: error against certified range; a minute."
         ),
     ] = False,
+    baseline: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            metavar="ZETA OMEGA",
+            help="Poles to compare with; default: the paper's on the paper's rig, else none.",
+        ),
+    ] = None,
     seed: SeedOption = 0,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder for design.json and the plots.")
@@ -359,6 +366,7 @@ def tune(
             seed=seed,
             certify=certify,
             pareto=pareto,
+            baseline=baseline,
         ),
         output,
         force=force,

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from maglev_design import sweep as sweeps
-from maglev_design.choices import Controller
-from maglev_design.design import Design, PoleSpec, make_design
+from maglev_design.design import Design
+from maglev_design.design_data import design_from_data
 from maglev_design.errors import InputError
 from maglev_design.files import read_document
 from maglev_design.parameters import Rig
@@ -73,10 +73,9 @@ def replayed(text: str) -> Replayed:
             f"--replay: design = {position}: must be from 0 to {len(setup.designs) - 1} [-]"
         )
     plants = _plants(setup, k, drawn, path)
-    learnt = sweeps.beliefs(setup.rig, setup.designs[position], plants)
     return Replayed(
         setup.rig,
-        sweeps.design_for(setup.designs[position], learnt, 0),
+        setup.designs[position],
         sweeps.scenario(setup, plants, 0),
         position,
         {name: float(column[0]) for name, column in plants.drawn.items()},
@@ -135,19 +134,8 @@ def _parsed(text: str) -> tuple[Path, int, int]:
 
 
 def _setup(data: dict[str, Any], path: Path) -> sweeps.Setup:
-    """Return the setup of a description, every number computed anew."""
+    """Return the setup of a description."""
     rig = rig_from_data(data["rig"], str(path))
-    designs = []
-    for one in data["designs"]:
-        poles = one["poles"]
-        designs.append(
-            make_design(
-                rig,
-                PoleSpec(tuple(poles["first"]), tuple(poles["second"])),
-                controller=Controller(**one["controller"]),
-                equilibrium=one["equilibrium"],
-                method=one["method"],
-            )
-        )
+    designs = [design_from_data(one, str(path)) for one in data["designs"]]
     plain = ("samples", "seed", "sampling", "chunk", "noise", "backend")
     return sweeps.Setup(rig, tuple(designs), **{name: data[name] for name in plain})

@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from maglev_design import design as designs
 from maglev_design.errors import VerificationError
 from maglev_design.export.classes import wrong_answers
 from maglev_design.export.controller import Controller
@@ -70,7 +69,7 @@ def interleaved(new: NewDevice, work: Path) -> Check:
 def closed_loops(controller: Controller, new: NewDevice, report: Progress) -> list[Check]:
     """Run the paper's tests and the faults with the exported controller."""
     record = controller.record
-    beta = designs.plant_beta(record.rig)
+    beta = record.design.believed.beta
     nominal = nominal_scenario(record.rig, beta)
     noisy = replace(nominal, noise=True)
     worst = replace(nominal, beta_plant=beta / record.document["worst_case"]["ratio"])

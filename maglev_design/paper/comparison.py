@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design.certify.margins import Margins, sampled_margins
+from maglev_design.design import believed_equilibrium, plant_beta, voltage_on_plant
 from maglev_design.loop import build_loop, family, peak_sensitivity, spectral_radius
 from maglev_design.paper.trials import (
     EMULATION,
@@ -152,12 +153,15 @@ def loop_margins(rig: Rig, contender: Contender, reading: Reading) -> LoopMargin
     own, method = rig_for(rig, reading), reading.method
     if method is None:
         raise ValueError("a continuous controller has no sampled loop")
-    over = family(own, own.uncertainty.beta)
+    over = family(own)
     poles = contender.poles.values
+    believed = believed_equilibrium(
+        own, reading.equilibrium, voltage=voltage_on_plant(own, plant_beta(own))
+    )
     now, later = (
         build_loop(
             own,
-            equilibrium=reading.equilibrium,
+            believed,
             method=method,
             controller=contender.controller,
             extra_samples=extra,

@@ -148,7 +148,9 @@ def linear_loop(
     """Return the loop at `gap` (default Y) with beta_c = `ratio` beta."""
     rig, beta = case.rig, design.plant_beta(case.rig)
     true = _true(rig, gap)
-    believed = design.believed_equilibrium(rig, reading, ratio * beta, beta)
+    believed = design.believed_equilibrium(
+        rig, reading, beta_c=ratio * beta, voltage=design.voltage_on_plant(rig, beta)
+    )
     k0, k1, k2, k3 = _gains()(*case.poles.values)
     return LinearLoop(true.C_U, true.C_Y, believed.C_U, believed.C_Y, (k0, k1, k2, k3))
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 
 from maglev_design.choices import Equilibrium, Method
+from maglev_design.design import believed_equilibrium, plant_beta, voltage_on_plant
 from maglev_design.loop import Family, build_loop, family, spectral_radius
 from maglev_design.paper.theory_linear import Case
 from maglev_design.parameters import LONGEST_PERIOD, Rig, make_rig
@@ -35,8 +36,8 @@ def largest_period(case: Case, method: Method) -> float:
 
     def stable(period: float) -> bool:
         rig = with_period(case.rig, period, method)
-        loop = build_loop(rig, equilibrium="model", method=method)
-        return spectral_radius(loop, poles, family(rig, 0.0)).value < 1
+        loop = build_loop(rig, believed_equilibrium(rig, "model"), method=method)
+        return spectral_radius(loop, poles, family(rig, beta_error=0.0)).value < 1
 
     return boundary(stable, case.rig.sampling.period, LONGEST_PERIOD)
 
@@ -46,13 +47,18 @@ def ratio_interval(
 ) -> tuple[float, float]:
     """Return the ends of beta_c/beta around 1 within which the sampled loop is stable.
 
-    At every gap of `gaps` [m], with the rig's period, delay and method; 0 and infinity where no
-    end is found within a factor of a thousand.
+    As in Appendix A the controller is computed anew on each plant, with that plant's U where the
+    reading measures one. At every gap of `gaps` [m], with the rig's period, delay and method; 0 and
+    infinity where no end is found within a factor of a thousand.
     """
-    loop = build_loop(case.rig, equilibrium=reading, method=case.rig.sampling.method)
+    rig, beta_c = case.rig, plant_beta(case.rig)
 
     def stable(ratio: float) -> bool:
-        return spectral_radius(loop, case.poles.values, Family(gaps, (ratio, ratio))).value < 1
+        beta = beta_c / ratio
+        believed = believed_equilibrium(rig, reading, voltage=voltage_on_plant(rig, beta))
+        loop = build_loop(rig, believed, method=rig.sampling.method)
+        same = Family(gaps, (believed.beta / beta,) * 2)
+        return spectral_radius(loop, case.poles.values, same).value < 1
 
     low = boundary(stable, 1.0, 1 / FARTHEST_RATIO)
     high = boundary(stable, 1.0, FARTHEST_RATIO)

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from maglev_design.choices import TAN_GPI, Controller, Equilibrium, Method
-from maglev_design.design import PAPER_POLES, PoleSpec, make_design, plant_beta
+from maglev_design.design import PAPER_POLES, PoleSpec, make_design, plant_beta, voltage_on_plant
 from maglev_design.parameters import Rig, make_rig
 from maglev_design.simulate import (
     LoopGraph,
@@ -204,7 +204,7 @@ def run_trial(
         equilibrium=reading.equilibrium,
         method=reading.method,
         beta_c=beta_c,
-        beta_plant=beta_plant,
+        voltage=voltage_on_plant(own, beta_plant),
     )
     scenario = Scenario(
         beta_plant, own.initial.gap, own.initial.velocity, noise=trial.noise, seed=seed

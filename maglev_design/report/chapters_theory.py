@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import groupby
 
 from maglev_design import design as designs
-from maglev_design.design import believed_equilibrium, path_gaps, plant_beta, true_equilibrium
+from maglev_design.design import path_gaps, true_equilibrium
 from maglev_design.programs import program
 from maglev_design.record import DesignRecord
 from maglev_design.report import prose
@@ -151,10 +151,8 @@ def _routh_table(record: DesignRecord) -> Table:
 
 def _first_column(record: DesignRecord, gap: float, ratio: float) -> tuple[float, ...]:
     rig, design = record.rig, record.design
-    beta_c = plant_beta(rig)
-    beta = beta_c / ratio
-    believed = believed_equilibrium(rig, design.equilibrium, beta_c, beta)
-    rest = true_equilibrium(rig, beta, gap)
+    believed = design.believed
+    rest = true_equilibrium(rig, design.beta_at(ratio), gap)
     slope, believed_gain = designs.slope_program(design.controller).scalar()(
         rest.U, gap, believed.beta, rig.plant.gap_offset, believed.C_U
     )

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from maglev_design import design as designs
-from maglev_design.design import plant_beta, timing
+from maglev_design.design import timing
 from maglev_design.lowering import Program
 from maglev_design.programs import program
 from maglev_design.record import DesignRecord
@@ -32,7 +32,6 @@ def programs_of(record: DesignRecord) -> dict[str, Program]:
     method, controller = design.method, design.controller
     return {
         "gains": designs.gains_program(controller),
-        "believed": designs.believed_program(design.equilibrium),
         "plant": designs.plant_program(),
         "slope": designs.slope_program(controller),
         "coefficients": designs.coefficients_program(method, controller),
@@ -79,12 +78,16 @@ def explorer_data(record: DesignRecord) -> dict[str, Any]:
     loop = loop_for(rig, design)
     when = timing(rig.sampling.period, rig.sampling.delay)
     path, gaps = rig.reference, designs.path_gaps(rig, 2)
-    start = nominal_scenario(rig, plant_beta(rig))
+    believed = design.believed
+    start = nominal_scenario(rig, believed.beta)
     return {
         "known": {
             "g": rig.plant.gravity,
-            "beta_c": plant_beta(rig),
-            "Y": rig.operating_point.gap,
+            "beta_c": believed.beta,
+            "U": believed.U,
+            "C_U_hat": believed.C_U,
+            "C_Y_hat": believed.C_Y,
+            "Y": design.Y,
             "y0": rig.plant.gap_offset,
             "T": rig.sampling.period,
             "T_1": when.part,
@@ -97,7 +100,6 @@ def explorer_data(record: DesignRecord) -> dict[str, Any]:
             "gap_low": graphs.contact_gap(rig),
             "gap_high": rig.limits.gap[1],
         },
-        "measured": rig.operating_point.voltage,
         "initial": {"y": start.initial_gap, "v": start.initial_velocity},
         "periods": len(loop.times) - 1,
         "horizon": path.horizon,

@@ -22,8 +22,6 @@ from maglev_design.sweep.result import DesignResult, SweepResult, recorded, summ
 from maglev_design.sweep.scenarios import (
     FIGURES,
     Plants,
-    beliefs,
-    design_for,
     plants,
     plants_of,
     scenario,
@@ -40,9 +38,7 @@ __all__ = [
     "Sampling",
     "Setup",
     "SweepResult",
-    "beliefs",
     "beta_is_computed",
-    "design_for",
     "drawn_spreads",
     "in_process",
     "in_processes",

@@ -7,15 +7,14 @@ scenarios is written over it. The interpreted one gets one :class:`Scenario` aft
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design import design as designs
-from maglev_design.design import Believed, Design
+from maglev_design.design import Design
 from maglev_design.errors import InputError
 from maglev_design.parameters import DRAWN, Rig
 from maglev_design.simulate import LoopGraph, Scenario, Summary, compiled, loop_for, simulate_batch
@@ -106,40 +105,6 @@ def scenario(setup: Setup, drawn: Plants, n: int) -> Scenario:
     return Scenario(noise=setup.noise, seed=setup.seed, index=drawn.first + n, **numbers)
 
 
-def beliefs(rig: Rig, design: Design, drawn: Plants) -> dict[str, Array]:
-    """Return what the controller learns from each plant, by name: nothing, or U and what follows.
-
-    The readings ``appendix-a`` and ``measured`` take the true equilibrium voltage of the plant,
-    unless the rig states it; then the believed coefficients and the difference equation move.
-    """
-    if design.equilibrium == "model" or rig.operating_point.voltage is not None:
-        return {}
-    own, plant = drawn.values, rig.plant
-    voltage, _, _ = designs.plant_program().numpy()(
-        own["gravity"], own["beta_plant"], own["gap_offset"], design.Y
-    )
-    names = ("U", "C_U_hat", "C_Y_hat", "beta_c")
-    learnt = designs.believed_program(design.equilibrium).numpy()(
-        plant.gravity, designs.plant_beta(rig), design.Y, plant.gap_offset, voltage
-    )
-    moved = dict(zip(names, learnt, strict=True))
-    known: dict[str, Any] = designs.coefficient_inputs(rig, design.believed) | design.named_gains
-    known |= moved
-    program = designs.coefficients_program(design.method, design.controller)
-    numbers = program.numpy()(*[known[name] for name in program.inputs])
-    moved |= dict(zip(program.outputs, numbers, strict=True))
-    return {name: np.broadcast_to(column, drawn.count) for name, column in moved.items()}
-
-
-def design_for(design: Design, learnt: dict[str, Array], n: int) -> Design:
-    """Return the controller as it runs in element `n`."""
-    if not learnt:
-        return design
-    numbers = {name: float(column[n]) for name, column in learnt.items()}
-    first = [numbers.pop(name) for name in ("U", "C_U_hat", "C_Y_hat", "beta_c")]
-    return replace(design, believed=Believed(*first), coefficients=numbers)
-
-
 @lru_cache(maxsize=8)
 def _loops(setup: Setup) -> tuple[LoopGraph, ...]:
     return tuple(loop_for(setup.rig, design) for design in setup.designs)
@@ -167,10 +132,9 @@ def run_loops(
     setup: Setup, loop: LoopGraph, design: Design, drawn: Plants, threads: int
 ) -> dict[str, Array]:
     """Return the figures of one design in every scenario of a chunk, by name."""
-    learnt = beliefs(setup.rig, design, drawn)
     if setup.backend != "compiled":
         with _ONE_AT_A_TIME:
-            return _interpreted(setup, loop, design, drawn, learnt)
+            return _interpreted(setup, loop, design, drawn)
     with _ONE_AT_A_TIME:
         kernel = compiled.kernel(loop)
     if kernel is None:
@@ -186,8 +150,8 @@ def run_loops(
     rows, _ = compiled.run(
         loop,
         kernel,
-        _states(setup, loop, design, drawn, learnt),
-        _parameters(setup, loop, design, drawn, learnt),
+        _states(setup, loop, design, drawn),
+        _parameters(setup, loop, design, drawn),
         stream,
         deviation if setup.noise else np.zeros_like(deviation),
         noisy=setup.noise,
@@ -196,13 +160,11 @@ def run_loops(
     return _figures(loop, rows)
 
 
-def _interpreted(
-    setup: Setup, loop: LoopGraph, design: Design, drawn: Plants, learnt: dict[str, Array]
-) -> dict[str, Array]:
+def _interpreted(setup: Setup, loop: LoopGraph, design: Design, drawn: Plants) -> dict[str, Array]:
     each = range(drawn.count)
     found = simulate_batch(
         loop,
-        [design_for(design, learnt, n) for n in each],
+        [design] * drawn.count,
         [scenario(setup, drawn, n) for n in each],
         backend="interpreted",
     )
@@ -221,35 +183,28 @@ def of_summary(summary: Summary) -> dict[str, float]:
     return {name: other[name] if name in other else getattr(metrics, name) for name in FIGURES}
 
 
-def _parameters(
-    setup: Setup, loop: LoopGraph, design: Design, drawn: Plants, learnt: dict[str, Array]
-) -> Array:
+def _parameters(setup: Setup, loop: LoopGraph, design: Design, drawn: Plants) -> Array:
     """Return the parameters of every loop, one row each."""
     reference = parameter_vector(loop, design, scenario(setup, drawn, 0))
     rows = np.tile(reference, (drawn.count, 1))
     own = drawn.values
-    moving = {"beta": own["beta_plant"], "g": own["gravity"], "y0": own["gap_offset"], **learnt}
+    moving = {"beta": own["beta_plant"], "g": own["gravity"], "y0": own["gap_offset"]}
     for name, column in moving.items():
         if name in loop.parameter_names:
             rows[:, loop.parameter_names.index(name)] = column
     return rows
 
 
-def _states(
-    setup: Setup, loop: LoopGraph, design: Design, drawn: Plants, learnt: dict[str, Array]
-) -> Array:
+def _states(setup: Setup, loop: LoopGraph, design: Design, drawn: Plants) -> Array:
     """Return the first state of every loop, one row each.
 
-    Where the controller's own start depends on the scenario (a bumpless start on the first sample,
-    a voltage held before it) each is asked for alone, which is slower.
+    A bumpless start depends on the first sample: each is asked for alone, which is slower.
     """
-    held = any(name.startswith("held") for name in loop.state_names)
-    if design.controller.start == "bumpless" or (learnt and held):
+    if design.controller.start == "bumpless":
         rows = []
         for n in range(drawn.count):
             one = scenario(setup, drawn, n)
-            own = design_for(design, learnt, n)
-            rows.append(start_state(loop, own, one, first_noise(loop, one)))
+            rows.append(start_state(loop, design, one, first_noise(loop, one)))
         return np.array(rows)
     states = np.tile(start_state(loop, design, scenario(setup, drawn, 0)), (drawn.count, 1))
     states[:, loop.state_names.index("y")] = drawn.values["initial_gap"]

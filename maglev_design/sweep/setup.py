@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 from maglev_design.choices import SCHEMA_VERSION, Backend
 from maglev_design.design import Design
+from maglev_design.design_data import design_as_data
 from maglev_design.errors import InputError
 from maglev_design.parameters import Rig
 from maglev_design.simulate.compiled import LANES
@@ -88,7 +89,7 @@ class Setup:
                 "chunk": self.chunk,
                 "noise": self.noise,
                 "backend": self.backend,
-                "designs": [asdict(design) for design in self.designs],
+                "designs": [design_as_data(design) for design in self.designs],
                 "rig": self.rig.model_dump(exclude_none=True),
             }
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from maglev_design.design import PAPER_POLES, Design
+from maglev_design.design import Design
 from maglev_design.simulate.independent import INTEGRATOR
 from maglev_design.tune.problem import TuningProblem
 from maglev_design.tune.result import (
@@ -26,39 +26,33 @@ def as_json(result: TuneResult) -> dict[str, Any]:
         "equilibrium": problem.equilibrium,
         "method": problem.method,
         "beta_error": problem.beta_error,
+        "family": family_as_data(problem),
         "scenarios": "robust" if len(problem.cases) > 1 else "nominal",
         "seed": problem.seed,
         "bounds": {"zeta": list(problem.bounds[0]), "omega_n": list(problem.bounds[1])},
         "zeta": result.poles.first[0],
         "omega_n": result.poles.first[1],
         "poles": [list(result.poles.first), list(result.poles.second)],
-        "gains": dict(zip(("k0", "k1", "k2", "k3"), result.design.gains, strict=True)),
-        "difference_equation": difference_equation(problem, result.design),
-        "worst_case": _figures(figures),
+        "gains": result.design.named_gains,
+        "difference_equation": difference_equation(result.design),
+        "controller_sha256": result.design.sha256,
+        "worst_case": _figures(problem, figures),
         "nominal": figures.nominal.as_dict(),
         "other_sign": figures.other_sign.as_dict(),
-        "baseline": {
-            "zeta": PAPER_POLES[0],
-            "omega_n": PAPER_POLES[1],
-            "worst_case": _figures(result.baseline),
-            "feasible": result.baseline.feasible,
-            "violated": [c.name for c in result.baseline.constraints if not c.satisfied],
-            "improvement": result.improvement,
-        },
+        "baseline": _baseline(result),
         "constraints": [
             {"name": c.name, "unit": c.unit, "side": c.side, "limit": c.limit}
             | {"value": c.value, "satisfied": c.satisfied}
             for c in figures.constraints
         ],
-        "verification": _verification(problem, result.verification)
-        | {"baseline": _verification(problem, result.baseline_verification)},
+        "verification": _verification(problem, result.verification),
         "alternatives": [
             {
                 "kind": a.kind,
                 "name": a.name,
                 "tuned": a.tuned,
                 "poles": [list(a.poles.first), list(a.poles.second)],
-                "worst_case": _figures(a.figures),
+                "worst_case": _figures(problem, a.figures),
                 "feasible": a.figures.feasible,
                 "improvement": times_smaller(
                     getattr(figures.worst, problem.objective.key),
@@ -71,11 +65,22 @@ def as_json(result: TuneResult) -> dict[str, Any]:
     }
 
 
-def difference_equation(problem: TuningProblem, design: Design) -> dict[str, Any]:
-    """Return the numbers of the difference equation, with its constants and limits."""
-    low, high = problem.rig.limits.voltage
+def family_as_data(problem: TuningProblem) -> dict[str, Any]:
+    """Return the plants that the worst case is taken over: gaps [m], ratios, y0 [m]."""
+    over, offset = problem.family, problem.rig.plant.gap_offset
     return {
-        "period": problem.rig.sampling.period,
+        "gaps": list(over.gaps),
+        "ratios": list(over.ratios),
+        "gap_offsets": [offset + shift for shift in over.shifts],
+        "voltage_held": over.held is not None,
+    }
+
+
+def difference_equation(design: Design) -> dict[str, Any]:
+    """Return the numbers of the difference equation, with its constants and limits."""
+    low, high = design.voltage_limits
+    return {
+        "period": design.period,
         "Y": design.Y,
         "U": design.believed.U,
         "u_min": low,
@@ -84,14 +89,32 @@ def difference_equation(problem: TuningProblem, design: Design) -> dict[str, Any
     }
 
 
-def _figures(figures: Figures) -> dict[str, Any]:
+def _figures(problem: TuningProblem, figures: Figures) -> dict[str, Any]:
+    shift = figures.case.shift
     return figures.worst.as_dict() | {
         "ms": figures.ms,
         "ms_one_more_sample": figures.ms_one_more_sample,
         "spectral_radius": figures.radius,
         "spectral_radius_one_more_sample": figures.radius_one_more_sample,
         "noise_voltage": figures.noise_voltage,
-        "ratio": figures.ratio,
+        "ratio": problem.family.ratio_at(figures.ratio, shift),
+        "gap_offset": problem.rig.plant.gap_offset + shift,
+    }
+
+
+def _baseline(result: TuneResult) -> dict[str, Any] | None:
+    """Return the poles to compare with; None where there are none."""
+    problem, found = result.problem, result.baseline
+    if found is None:
+        return None
+    return {
+        "zeta": found.poles.first[0],
+        "omega_n": found.poles.first[1],
+        "worst_case": _figures(problem, found.figures),
+        "feasible": found.figures.feasible,
+        "violated": [c.name for c in found.figures.constraints if not c.satisfied],
+        "improvement": result.improvement,
+        "verification": _verification(problem, found.verification),
     }
 
 

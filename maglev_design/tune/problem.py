@@ -17,8 +17,24 @@ from numpy.typing import NDArray
 
 from maglev_design import choices
 from maglev_design import loop as loops
-from maglev_design.choices import DEFAULT_MAX_MS, Equilibrium, Method, Scenarios
-from maglev_design.design import Design, PoleSpec, make_design, plant_beta, true_equilibrium
+from maglev_design.choices import (
+    DEFAULT_MAX_MS,
+    TAN_GPI,
+    Controller,
+    Equilibrium,
+    Method,
+    Scenarios,
+)
+from maglev_design.design import (
+    Believed,
+    Design,
+    PoleSpec,
+    believed_equilibrium,
+    make_design,
+    path_gaps,
+    plant_beta,
+    true_equilibrium,
+)
 from maglev_design.errors import InputError, nearest
 from maglev_design.parameters import Rig
 from maglev_design.simulate import (
@@ -65,11 +81,15 @@ OBJECTIVES: Mapping[str, Objective] = {
 
 @dataclass(frozen=True)
 class Case:
-    """One way to start: the sign of the initial error, and a noise stream or none."""
+    """One way to run: the sign of the initial error, a noise stream or none, the plant's y0.
+
+    `shift` is the plant's y0 less the rig's [m].
+    """
 
     flipped: bool = False
     noise: bool = False
     index: int = 0
+    shift: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -100,8 +120,8 @@ class TuningProblem:
     rig : Rig
     objective : Objective
     equilibrium, method : str
-    beta_error : float
-        u: the ratio interval is [1 - u, 1 + u].
+    believed : Believed
+        What every controller of this problem takes the equilibrium to be; fixed.
     limits : Limits
     distinct : bool
         Whether the two pole pairs may differ (four variables instead of two).
@@ -116,13 +136,19 @@ class TuningProblem:
         Nonlinear loops, the second with sensitivities.
     certifies : callable or None
         Asked of every candidate that would be the best; None where no proof is required.
+    controller : Controller
+        Which law.
+    gains : tuple of float or None
+        The law's, where somebody gives them; poles are placed where they are None.
+    given_beta_error : float or None
+        Half the width of the interval of beta_c/beta where it was asked for.
     """
 
     rig: Rig
     objective: Objective
     equilibrium: Equilibrium
     method: Method
-    beta_error: float
+    believed: Believed
     limits: Limits
     distinct: bool
     bounds: Array
@@ -134,6 +160,15 @@ class TuningProblem:
     runs: LoopGraph
     tangent_runs: LoopGraph
     certifies: Certifies | None = None
+    controller: Controller = TAN_GPI
+    gains: tuple[float, ...] | None = None
+    given_beta_error: float | None = None
+
+    @property
+    def beta_error(self) -> float:
+        """Half the width of the interval of beta_c/beta [-]."""
+        low, high = self.family.ratios
+        return float(f"{(high - low) / 2:.12g}")
 
     @property
     def directions(self) -> Array:
@@ -209,6 +244,7 @@ def build_problem(
     equilibrium: Equilibrium = "model",
     method: Method | None = None,
     beta_error: float | None = None,
+    voltage: float | None = None,
     max_ms: float = DEFAULT_MAX_MS,
     max_noise_voltage: float | None = None,
     allow_saturation: bool = False,
@@ -218,22 +254,31 @@ def build_problem(
     omega_bounds: tuple[float, float] | None = None,
     seed: int = 0,
     certifies: Certifies | None = None,
+    controller: Controller = TAN_GPI,
+    gains: tuple[float, ...] | None = None,
 ) -> TuningProblem:
     """Return the tuning problem of `rig`.
+
+    Parameters
+    ----------
+    beta_error, voltage
+        As :func:`maglev_design.loop.family` and
+        :func:`maglev_design.design.believed_equilibrium` take them.
+    controller, gains
+        For a controller that is judged and not searched for.
 
     Raises
     ------
     InputError
-        For an unknown objective or a bound that is not usable.
+        For an unknown objective, a bound that is not usable, or a reading without its voltage.
     """
     if objective not in OBJECTIVES:
         raise InputError(
             f"objective {objective!r} is unknown{nearest(objective, OBJECTIVES)}; "
             f"known: {', '.join(OBJECTIVES)}"
         )
-    u = rig.uncertainty.beta if beta_error is None else beta_error
-    if not 0 <= u < 1:
-        raise InputError(f"beta error = {u!r}: must be 0 or more and less than 1 [-]")
+    believed = believed_equilibrium(rig, equilibrium, voltage=voltage)
+    over = loops.family(rig, equilibrium, beta_error)
     if not max_ms > 1:
         raise InputError(f"max-ms = {max_ms!r}: must be greater than 1, the |S| of no feedback")
     low, high = rig.limits.voltage
@@ -249,44 +294,48 @@ def build_problem(
             _checked("omega-bounds", omega_bounds or default_omega_bounds(rig)),
         ]
     )
-    cases: tuple[Case, ...] = (Case(),)
+    plain: tuple[Case, ...] = (Case(),)
     if scenarios == "robust":
         noisy = [Case(bool(n % 2), noise=True, index=n) for n in range(NOISE_SEEDS)]
-        cases = (Case(), Case(flipped=True), *noisy)
+        plain = (Case(), Case(flipped=True), *noisy)
+    cases = tuple(replace(case, shift=shift) for shift in over.shift_values for case in plain)
+
+    def loop(extra: int) -> loops.Loop:
+        return loops.build_loop(
+            rig,
+            believed,
+            method=chosen,
+            controller=controller,
+            gains=gains,
+            extra_samples=extra,
+        )
+
     return TuningProblem(
         rig=rig,
         objective=OBJECTIVES[objective],
         equilibrium=equilibrium,
         method=chosen,
-        beta_error=u,
+        believed=believed,
         limits=Limits(max_ms, noise_limit, allow_saturation),
         distinct=distinct,
         bounds=bounds,
         cases=cases,
         seed=seed,
-        loop=loops.build_loop(rig, equilibrium=equilibrium, method=chosen),
-        delayed_loop=loops.build_loop(rig, equilibrium=equilibrium, method=chosen, extra_samples=1),
-        family=loops.family(rig, u),
-        runs=build(rig, chosen),
-        tangent_runs=build(rig, chosen, directions=4 if distinct else 2),
+        loop=loop(0),
+        delayed_loop=loop(1),
+        family=over,
+        runs=build(rig, chosen, controller=controller),
+        tangent_runs=build(rig, chosen, controller=controller, directions=4 if distinct else 2),
         certifies=certifies,
-    )
-
-
-def with_reading(problem: TuningProblem, equilibrium: Equilibrium) -> TuningProblem:
-    """Return the same problem for a controller that reads the equilibrium differently."""
-    rig, method = problem.rig, problem.method
-    return replace(
-        problem,
-        equilibrium=equilibrium,
-        loop=loops.build_loop(rig, equilibrium=equilibrium, method=method),
-        delayed_loop=loops.build_loop(rig, equilibrium=equilibrium, method=method, extra_samples=1),
+        controller=controller,
+        gains=gains,
+        given_beta_error=beta_error,
     )
 
 
 def default_omega_bounds(rig: Rig) -> tuple[float, float]:
     """Return the searched frequencies [rad/s], from the plant's pole and the sampling period."""
-    gap = loops.family(rig, 0.0).gaps[0]
+    gap = float(path_gaps(rig, 2)[0])
     unstable = math.sqrt(true_equilibrium(rig, plant_beta(rig), gap).C_Y)
     low = SLOWEST_POLES * unstable
     return low, max(2 * low, min(FASTEST_ANGLE / rig.sampling.period, FASTEST_POLES * unstable))
@@ -352,7 +401,7 @@ def certificate(problem: TuningProblem, poles: PoleSpec) -> tuple[Constraint, ..
     """Return whether the sampled loop is certified as a limit; none where that is not required."""
     if problem.certifies is None:
         return ()
-    value = float(problem.certifies(design_at(problem, poles, 1.0)))
+    value = float(problem.certifies(design_at(problem, poles)))
     return (Constraint(CERTIFICATE, "-", 1.0, value, value - 1, np.zeros(4)),)
 
 
@@ -365,24 +414,30 @@ def _logarithmic(name: str, unit: str, limit: float, found: loops.Extreme) -> Co
     return Constraint(name, unit, limit, found.value, slack, gradient)
 
 
-def design_at(problem: TuningProblem, poles: PoleSpec, ratio: float) -> Design:
-    """Return the controller as it runs on a plant whose beta is beta_c/ratio."""
-    beta_c = plant_beta(problem.rig)
+def design_at(problem: TuningProblem, poles: PoleSpec) -> Design:
+    """Return the controller with these poles; every plant of the family meets the same one."""
     return make_design(
         problem.rig,
         poles,
         equilibrium=problem.equilibrium,
         method=problem.method,
-        beta_plant=beta_c / ratio,
+        voltage=problem.believed.U,
+        controller=problem.controller,
+        gains=problem.gains,
     )
 
 
 def scenario_at(problem: TuningProblem, case: Case, ratio: float) -> Scenario:
-    """Return the scenario of one case on a plant whose beta is beta_c/ratio."""
-    scenario = nominal_scenario(problem.rig, plant_beta(problem.rig) / ratio)
+    """Return the scenario of one case on the plant with a ratio beta_c/beta at the rig's y0."""
+    rig = problem.rig
+    actual = problem.family.ratio_at(ratio, case.shift)
+    scenario = nominal_scenario(rig, problem.believed.beta / actual)
     if case.flipped:
-        scenario = mirrored(problem.rig, scenario)
-    return replace(scenario, noise=case.noise, seed=problem.seed, index=case.index)
+        scenario = mirrored(rig, scenario)
+    offset = rig.plant.gap_offset + case.shift if case.shift else None
+    return replace(
+        scenario, noise=case.noise, seed=problem.seed, index=case.index, gap_offset=offset
+    )
 
 
 def run(
@@ -404,11 +459,8 @@ def runs(
     Without the clamp (``clamped=False``) the objective goes on smoothly where a design commands
     more than the actuator has; where the limits are kept it makes no difference.
     """
-    placed: dict[tuple[PoleSpec, float], Design] = {}
-    for poles, _, ratio in trials:
-        if (poles, ratio) not in placed:
-            placed[poles, ratio] = design_at(problem, poles, ratio)
-    designs = [placed[poles, ratio] for poles, _, ratio in trials]
+    placed = {poles: design_at(problem, poles) for poles in dict.fromkeys(p for p, _, _ in trials)}
+    designs = [placed[poles] for poles, _, _ in trials]
     scenarios = [scenario_at(problem, case, ratio) for _, case, ratio in trials]
     if not gradients:
         found = simulate_batch(problem.runs, designs, scenarios, clamped=clamped)
@@ -417,7 +469,7 @@ def runs(
     moving = {
         key: pole_tangent(graph, design, problem.directions) for key, design in placed.items()
     }
-    tangents = [moving[poles, ratio] for poles, _, ratio in trials]
+    tangents = [moving[poles] for poles, _, _ in trials]
     found = simulate_batch(graph, designs, scenarios, tangents, clamped=clamped)
     return [
         _run(problem, x.metrics, {name: back @ by for name, by in x.gradients.items()})

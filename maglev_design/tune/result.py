@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from maglev_design import loop as loops
 from maglev_design.choices import EQUILIBRIA, METHODS, Method
-from maglev_design.design import PAPER_POLES, Design, PoleSpec
+from maglev_design.design import Design, PoleSpec, believed_equilibrium
 from maglev_design.interrupt import deferred
 from maglev_design.parameters import MOST_DELAYED_PERIODS
 from maglev_design.simulate import Metrics, resimulate
@@ -26,7 +26,6 @@ from maglev_design.tune.problem import (
     linear_constraints,
     run,
     scenario_at,
-    with_reading,
 )
 from maglev_design.tune.search import (
     SCAN,
@@ -70,12 +69,15 @@ class Figures:
     worst : Metrics
         At the ratio where the objective is largest; extremes of voltage and gap are over all
         ratios and cases.
+    case : Case
+        Which way to run that was.
     ratio : float
-        That ratio.
+        beta_c/beta there, of the plant that has the rig's y0.
     nominal : Metrics
         At ratio 1.
     ms, ms_one_more_sample : float
-        Largest |S|, as it is and with one more whole sample of delay [-].
+        Largest |S|, as it is and with one more whole sample of delay [-]; infinite where the loop
+        is unstable for a plant of the family.
     radius, radius_one_more_sample : float
         Spectral radius of the sampled loop, likewise [-].
     noise_voltage : float
@@ -87,6 +89,7 @@ class Figures:
     """
 
     worst: Metrics
+    case: Case
     ratio: float
     nominal: Metrics
     ms: float
@@ -129,8 +132,20 @@ class Verification:
 
 
 @dataclass(frozen=True)
+class Baseline:
+    """Poles to compare with, and what they do under the same limits."""
+
+    poles: PoleSpec
+    figures: Figures
+    verification: Verification
+
+
+@dataclass(frozen=True)
 class Alternative:
-    """The same poles (or, for tuned methods, their own) under another choice."""
+    """The same poles, or where they were tuned anew their own, under another choice.
+
+    `kind` is ``equilibrium``, ``method``, or ``planning`` for what a measurement would bring.
+    """
 
     kind: str
     name: str
@@ -157,9 +172,10 @@ class TuneResult:
     poles : PoleSpec
     design : Design
         As it runs on the plant that it was designed for (ratio 1).
-    figures, baseline : Figures
-        Of this design and of the paper's zeta = 1, omega_n = 70, same limits, same terms.
-    verification, baseline_verification : Verification
+    figures : Figures
+    verification : Verification
+    baseline : Baseline or None
+        Other poles under the same limits: on the paper's rig the paper's zeta = 1, omega_n = 70.
     alternatives : tuple of Alternative
     landscape : Landscape
     evaluations : int
@@ -171,19 +187,20 @@ class TuneResult:
     poles: PoleSpec
     design: Design
     figures: Figures
-    baseline: Figures
     verification: Verification
-    baseline_verification: Verification
+    baseline: Baseline | None
     alternatives: tuple[Alternative, ...]
     landscape: Landscape | None
     evaluations: int
 
     @property
-    def improvement(self) -> float:
-        """How many times smaller the worst case is than the baseline's; 1 where both are 0."""
+    def improvement(self) -> float | None:
+        """How many times smaller the worst case is than the baseline's; None without one."""
+        if self.baseline is None:
+            return None
         key = self.problem.objective.key
-        before, after = getattr(self.baseline.worst, key), getattr(self.figures.worst, key)
-        return times_smaller(float(before), float(after))
+        before = getattr(self.baseline.figures.worst, key)
+        return times_smaller(float(before), float(getattr(self.figures.worst, key)))
 
 
 @dataclass(frozen=True)
@@ -195,37 +212,48 @@ class Unstabilisable:
 
 
 def judge(problem: TuningProblem, poles: PoleSpec) -> Figures:
-    """Return the figures of `poles` over the ratio interval, every limit at its worst."""
+    """Return the figures of `poles` over the whole family, every limit at its worst."""
     search = Search(problem, lambda *_: None, clamped=True)
     x = np.log(poles.values if problem.distinct else poles.first)
     low, high = problem.family.ratios
-    worst = max(
-        (worst_ratio(search, x, case) for case in problem.cases), key=lambda found: found[1].value
+    case, (ratio, worst) = max(
+        ((case, worst_ratio(search, x, case)) for case in problem.cases),
+        key=lambda found: found[1][1].value,
     )
     ratios = np.linspace(low, high, SCAN) if high > low else np.array([low])
     runs = search.runs(x, [(case, float(r)) for case in problem.cases for r in ratios])
     limits: dict[str, Constraint] = {}
-    simulated = [c for r in (*runs, worst[1]) for c in r.constraints]
+    simulated = [c for r in (*runs, worst) for c in r.constraints]
     proved = certificate(problem, poles)
+    values, over = poles.values, problem.family
+    radius = loops.spectral_radius(problem.loop, values, over).value
     for limit in (*linear_constraints(problem, poles), *simulated, *proved):
         if limit.name not in limits or limit.slack < limits[limit.name].slack:
             limits[limit.name] = limit
-    values, over = poles.values, problem.family
-    metrics = _with_extremes(worst[1].metrics, [r.metrics for r in (*runs, worst[1])])
+    if radius >= 1:  # |S| of an unstable loop is no margin, however small
+        ms = limits["Ms"]
+        limits["Ms"] = replace(ms, value=math.inf, slack=min(ms.slack, 1 - radius))
+    later = loops.spectral_radius(problem.delayed_loop, values, over).value
     return Figures(
-        worst=metrics,
-        ratio=worst[0],
+        worst=_with_extremes(worst.metrics, [r.metrics for r in (*runs, worst)]),
+        case=case,
+        ratio=ratio,
         nominal=run(problem, poles, Case(), 1.0).metrics,
-        ms=loops.peak_sensitivity(problem.loop, values, over).value,
-        ms_one_more_sample=loops.peak_sensitivity(problem.delayed_loop, values, over).value,
-        radius=loops.spectral_radius(problem.loop, values, over).value,
-        radius_one_more_sample=loops.spectral_radius(problem.delayed_loop, values, over).value,
+        ms=_peak(problem.loop, values, over, radius),
+        ms_one_more_sample=_peak(problem.delayed_loop, values, over, later),
+        radius=radius,
+        radius_one_more_sample=later,
         noise_voltage=loops.noise_voltage(
             problem.loop, values, over, problem.rig.noise.position
         ).value,
         constraints=tuple(limits.values()),
-        other_sign=run(problem, poles, Case(flipped=True), worst[0]).metrics,
+        other_sign=run(problem, poles, replace(case, flipped=not case.flipped), ratio).metrics,
     )
+
+
+def _peak(loop: loops.Loop, poles: Sequence[float], over: loops.Family, radius: float) -> float:
+    """Return Ms; infinite for an unstable loop."""
+    return math.inf if radius >= 1 else loops.peak_sensitivity(loop, poles, over).value
 
 
 def _with_extremes(worst: Metrics, others: list[Metrics]) -> Metrics:
@@ -241,9 +269,11 @@ def _with_extremes(worst: Metrics, others: list[Metrics]) -> Metrics:
 
 
 def solve(
-    problem: TuningProblem, progress: Callable[[str, float], None] | None = None
+    problem: TuningProblem,
+    progress: Callable[[str, float], None] | None = None,
+    baseline: PoleSpec | None = None,
 ) -> TuneResult | Unstabilisable:
-    """Search, judge and verify.
+    """Search, judge and verify; `baseline` is judged beside.
 
     A keyboard interrupt ends the search and returns the best design so far, marked as such; it is
     passed on when there is none yet. While the answer is judged, a matter of seconds, it waits
@@ -267,8 +297,14 @@ def solve(
             if search.best is None:
                 raise
             interrupted, found = True, search.best
+        planned: tuple[Alternative, ...] = ()
+        if not interrupted and found.feasible:
+            try:
+                planned = _planned(problem, checked)
+            except KeyboardInterrupt:
+                interrupted = True
         report("judging and verifying", 0.0)
-        result = _judged(search, found, interrupted, report)
+        result = _judged(search, found, interrupted, baseline, planned, report)
         try:
             check()
         except KeyboardInterrupt:
@@ -277,14 +313,16 @@ def solve(
 
 
 def solve_every_method(
-    problems: Mapping[Method, TuningProblem], progress: Callable[[str, float], None] | None = None
+    problems: Mapping[Method, TuningProblem],
+    progress: Callable[[str, float], None] | None = None,
+    baseline: PoleSpec | None = None,
 ) -> TuneResult | Unstabilisable:
     """Solve one problem a discretisation; return the best, the others among its alternatives."""
     report = progress or (lambda *_: None)
     results: dict[Method, TuneResult] = {}
     failure: Unstabilisable | None = None
     for name, problem in problems.items():
-        found = solve(problem, _named(report, name))
+        found = solve(problem, _named(report, name), baseline)
         if isinstance(found, Unstabilisable):
             failure = found
             continue
@@ -328,18 +366,24 @@ def _starts(problem: TuningProblem, landscape: Landscape) -> list[Any]:
 
 
 def _judged(
-    search: Search, found: Candidate, interrupted: bool, report: Callable[[str, float], None]
+    search: Search,
+    found: Candidate,
+    interrupted: bool,
+    baseline: PoleSpec | None,
+    planned: tuple[Alternative, ...],
+    report: Callable[[str, float], None],
 ) -> TuneResult:
     problem = search.problem
     poles = problem.poles(found.x)
     figures = judge(problem, poles)
-    baseline_poles = PoleSpec.double(*PAPER_POLES)
-    baseline = judge(problem, baseline_poles)
+    compared = None
+    if baseline is not None:
+        other = judge(problem, baseline)
+        compared = Baseline(baseline, other, verify(problem, baseline, other))
     report("judging and verifying", 0.3)
-    alternatives = _alternatives(problem, poles)
+    alternatives = (*planned, *_alternatives(problem, poles))
     report("judging and verifying", 0.6)
-    verification = _verify(problem, poles, figures)
-    baseline_verification = _verify(problem, baseline_poles, baseline)
+    verification = verify(problem, poles, figures)
     report("judging and verifying", 1.0)
     box = problem.box()
     on_bound = bool(np.any(np.abs(found.x[:, None] - box) < 1e-4))
@@ -353,59 +397,85 @@ def _judged(
         status=status,
         problem=problem,
         poles=poles,
-        design=design_at(problem, poles, 1.0),
+        design=design_at(problem, poles),
         figures=figures,
-        baseline=baseline,
         verification=verification,
-        baseline_verification=baseline_verification,
+        baseline=compared,
         alternatives=alternatives,
         landscape=search.landscape,
         evaluations=search.evaluations,
     )
 
 
-def _verify(problem: TuningProblem, poles: PoleSpec, figures: Figures) -> Verification:
-    """Re-simulate the first case at the worst ratio with SciPy."""
-    design = design_at(problem, poles, figures.ratio)
-    scenario = scenario_at(problem, problem.cases[0], figures.ratio)
-    own = run(problem, poles, problem.cases[0], figures.ratio)
-    check = resimulate(problem.rig, design, scenario)
-    if own.metrics.crashed and check.crashed:
-        return Verification(own.value, own.value)
-    return Verification(own.value, float(getattr(check, problem.objective.key)))
+def verify(problem: TuningProblem, poles: PoleSpec, figures: Figures) -> Verification:
+    """Re-simulate the worst case with SciPy."""
+    scenario = scenario_at(problem, figures.case, figures.ratio)
+    value = run(problem, poles, figures.case, figures.ratio)
+    check = resimulate(problem.rig, design_at(problem, poles), scenario)
+    if value.metrics.crashed and check.crashed:
+        return Verification(value.value, value.value)
+    return Verification(value.value, float(getattr(check, problem.objective.key)))
+
+
+def _planned(
+    problem: TuningProblem, report: Callable[[str, float], None]
+) -> tuple[Alternative, ...]:
+    """Return what measuring U would bring, tuned anew; nothing where U is measured already.
+
+    The voltage is the rig's where it has one, else what K, C and m promise.
+    """
+    if problem.equilibrium == "measured" or problem.beta_error == 0:
+        return ()
+    rig = problem.rig
+    voltage = rig.operating_point.voltage or believed_equilibrium(rig, "model").U
+    other = changed(problem, equilibrium="measured", beta_error=None, voltage=voltage)
+    search = Search(other, report, clamped=other.limits.allow_saturation)
+    landscape = explore(search)
+    if not stable_somewhere(landscape):
+        return ()
+    poles = other.poles(exchange(search, list(_starts(other, landscape))).x)
+    return (Alternative("planning", "measured", poles, judge(other, poles), True),)
 
 
 def _alternatives(problem: TuningProblem, poles: PoleSpec) -> tuple[Alternative, ...]:
-    """Return the same poles under the other equilibrium readings and discretisations."""
-    found = [
-        Alternative("equilibrium", name, poles, judge(with_reading(problem, name), poles), False)
-        for name in EQUILIBRIA
-        if name != problem.equilibrium
-    ]
-    for name in METHODS:
-        if name != problem.method:
-            other = _with_method(problem, name)
-            found.append(Alternative("method", name, poles, judge(other, poles), False))
+    """Return the same poles under the other equilibrium readings and discretisations.
+
+    Readings of a voltage that the rig does not give are left out.
+    """
+    known = EQUILIBRIA if problem.rig.operating_point.voltage is not None else ("model",)
+    found = []
+    for name in known:
+        if name != problem.equilibrium:
+            other = changed(problem, equilibrium=name, voltage=None)
+            found.append(Alternative("equilibrium", name, poles, judge(other, poles), False))
+    for method in METHODS:
+        if method != problem.method:
+            other = changed(problem, method=method)
+            found.append(Alternative("method", method, poles, judge(other, poles), False))
     return tuple(found)
 
 
-def _with_method(problem: TuningProblem, method: Method) -> TuningProblem:
-    return build_problem(
-        problem.rig,
-        objective=problem.objective.key,
-        equilibrium=problem.equilibrium,
-        method=method,
-        beta_error=problem.beta_error,
-        max_ms=problem.limits.max_ms,
-        max_noise_voltage=problem.limits.max_noise_voltage,
-        allow_saturation=problem.limits.allow_saturation,
-        scenarios="robust" if len(problem.cases) > 1 else "nominal",
-        distinct=problem.distinct,
-        zeta_bounds=tuple(problem.bounds[0]),
-        omega_bounds=tuple(problem.bounds[1]),
-        seed=problem.seed,
-        certifies=problem.certifies,
-    )
+def changed(problem: TuningProblem, **options: Any) -> TuningProblem:
+    """Return the problem with other options of :func:`build_problem`."""
+    known: dict[str, Any] = {
+        "objective": problem.objective.key,
+        "equilibrium": problem.equilibrium,
+        "method": problem.method,
+        "beta_error": problem.given_beta_error,
+        "voltage": problem.believed.U,
+        "max_ms": problem.limits.max_ms,
+        "max_noise_voltage": problem.limits.max_noise_voltage,
+        "allow_saturation": problem.limits.allow_saturation,
+        "scenarios": "robust" if any(case.flipped for case in problem.cases) else "nominal",
+        "distinct": problem.distinct,
+        "zeta_bounds": tuple(problem.bounds[0]),
+        "omega_bounds": tuple(problem.bounds[1]),
+        "seed": problem.seed,
+        "certifies": problem.certifies,
+        "controller": problem.controller,
+        "gains": problem.gains,
+    }
+    return build_problem(problem.rig, **known | options)
 
 
 def _what_would_stabilise(problem: TuningProblem) -> Unstabilisable:
@@ -436,7 +506,7 @@ def _stabilisable(problem: TuningProblem, change: dict[str, float]) -> bool:
     rig = problem.rig
     sampling = rig.sampling.model_copy(update=change)
     moved = rig.model_copy(update={"sampling": sampling})
-    loop = loops.build_loop(moved, equilibrium=problem.equilibrium, method=problem.method)
+    loop = loops.build_loop(moved, problem.believed, method=problem.method)
     zeta, omega_n = (np.geomspace(low, high, 12) for low, high in problem.bounds)
     return any(
         loops.spectral_radius(loop, (z, w, z, w), problem.family).value < 1

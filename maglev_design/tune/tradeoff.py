@@ -83,7 +83,7 @@ def trade_off(
             for i, j in zip(rows, columns, strict=True)
         ]
     best = float(getattr(result.figures.worst, problem.objective.key))
-    designs = [design_at(problem, PoleSpec.double(zeta, w), 1.0) for zeta, w, _ in found]
+    designs = [design_at(problem, PoleSpec.double(zeta, w)) for zeta, w, _ in found]
     designs.append(result.design)
     found.append((*result.poles.first, best))
     certified = []

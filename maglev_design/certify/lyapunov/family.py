@@ -17,7 +17,7 @@ from typing import Literal
 
 from maglev_design.certify.rationals import decimal
 from maglev_design.choices import Equilibrium, Method
-from maglev_design.design import Design, believed_equilibrium, law, path_gaps, plant_beta
+from maglev_design.design import Design, believed_equilibrium, law, path_gaps
 from maglev_design.errors import InputError
 from maglev_design.parameters import Rig
 
@@ -99,8 +99,7 @@ def subject(design: Design, rig: Rig) -> Subject:
             f"controller = {design.controller.name!r}: a certificate needs 'tan-gpi', whose "
             "loop's dependence on the gap is known in closed form"
         )
-    own = plant_beta(rig)
-    believed = believed_equilibrium(rig, design.equilibrium, own, own)
+    believed = believed_equilibrium(rig, design.equilibrium)
     if not math.isclose(believed.C_U, design.believed.C_U, rel_tol=SAME):
         raise InputError(
             f"design: C_U = {design.believed.C_U:g} m/(s^2 V), but with the rig's beta it is "

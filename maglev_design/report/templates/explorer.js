@@ -6,14 +6,10 @@ const bound = (value) => (value === null ? Infinity : value);
 D.known.u_max = bound(D.known.u_max);
 D.known.gap_high = bound(D.known.gap_high);
 
-/* The controller for some poles on a plant whose beta is beta_c/ratio. */
+/* The design's controller with other poles, on a plant whose beta is beta_c/ratio. */
 function designed(set) {
-  const { g, beta_c, Y, y0 } = D.known;
-  const beta = beta_c / set.ratio;
-  const voltage = D.measured === null ? P.plant({ g, beta, y0, y: Y }).U : D.measured;
-  const own = P.believed({ g, beta_c, Y, y0, U: voltage });
   const gains = P.gains(set);
-  const known = { ...D.known, ...own, ...gains, U: own.U_hat, beta_c: own.beta_hat, beta };
+  const known = { ...D.known, ...gains, beta: D.known.beta_c / set.ratio };
   return { known: { ...known, ...P.coefficients(known) }, gains };
 }
 
