@@ -388,7 +388,6 @@ def make_design(
     program = gains_program(controller)
     placed = program.scalar()(*poles.values) if gains is None else map(float, gains)
     named = dict(zip(program.outputs, placed, strict=True))
-    path = rig.reference
     return Design(
         poles,
         equilibrium,
@@ -399,9 +398,15 @@ def make_design(
         difference_coefficients(coefficient_inputs(rig, believed) | named, method, controller),
         rig.sampling.period,
         (rig.limits.voltage[0], rig.limits.voltage[1]),
-        (path.start_gap, path.end_gap, path.start_time, path.end_time),
+        reference_of(rig),
         controller,
     )
+
+
+def reference_of(rig: Rig) -> tuple[float, float, float, float]:
+    """Return start_gap, end_gap [m], start_time and end_time [s] of the rig's move."""
+    path = rig.reference
+    return path.start_gap, path.end_gap, path.start_time, path.end_time
 
 
 def difference_coefficients(

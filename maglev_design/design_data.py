@@ -53,9 +53,7 @@ def design_from_data(data: Mapping[str, Any], origin: str) -> Design:
         data["equilibrium"],
         numbers["method"],
         tuple(float(numbers["gains"][name]) for name in gain_names(controller)),
-        Believed(
-            *(float(numbers[name]) for name in ("U", "C_U", "C_Y")), beta=float(data["beta_c"])
-        ),
+        Believed(*(float(n) for n in (*(numbers[x] for x in ("U", "C_U", "C_Y")), data["beta_c"]))),
         float(numbers["Y"]),
         {name: _number(value) for name, value in numbers["coefficients"].items()},
         float(numbers["period"]),

@@ -37,8 +37,6 @@ FINE, COARSE = (5, 3), (3, 2)
 """Gaps and ratios of the grids: for one design, and for each point of a box of designs."""
 FINE_FREQUENCIES, COARSE_FREQUENCIES = 160, 60
 """Frequencies of the first look for the peak of |S|."""
-DEFAULT_VOLTAGE_ERROR = 0.01
-"""Relative error of a measured U where the rig does not state it."""
 ZOOMS = 9
 """Divisions of a neighbourhood by four: the angle is good to 1e-7, the peak to its square."""
 
@@ -188,7 +186,7 @@ def family(rig: Rig, equilibrium: Equilibrium = "model", beta_error: float | Non
     if equilibrium == "measured":
         held = rig.operating_point.gap + plant.gap_offset
     if equilibrium == "measured" and beta_error is None:
-        d = DEFAULT_VOLTAGE_ERROR if stated.voltage is None else stated.voltage
+        d = stated.voltage_error
         ratios = ((1 - d) ** 2, (1 + d) ** 2)
     else:
         error = stated.beta if beta_error is None else beta_error

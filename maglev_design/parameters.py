@@ -227,6 +227,9 @@ class Spread(Section):
         return low, high
 
 
+DEFAULT_VOLTAGE_ERROR = 0.01
+"""Relative error of a measured U where the rig does not state it."""
+
 _SPREADS: MappingProxyType[str, tuple[tuple[str, ...], tuple[str, ...]]] = MappingProxyType(
     {
         "uniform": (("lower", "upper"), ()),
@@ -350,6 +353,11 @@ class Uncertainty(Section):
             if fault is not None:
                 raise fault
         return self
+
+    @property
+    def voltage_error(self) -> float:
+        """Relative error of a measured U, stated or taken for granted [-]."""
+        return DEFAULT_VOLTAGE_ERROR if self.voltage is None else self.voltage
 
     @property
     def spreads(self) -> dict[str, Spread]:

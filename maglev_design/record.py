@@ -14,6 +14,7 @@ import zipfile
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,8 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design import __version__
-from maglev_design.choices import SCHEMA_VERSION
-from maglev_design.design import Design, coefficient_inputs, difference_coefficients
+from maglev_design.choices import SCHEMA_VERSION, TAN_GPI
+from maglev_design.design import (
+    Design,
+    coefficient_inputs,
+    difference_coefficients,
+    gains_program,
+    reference_of,
+)
 from maglev_design.design_data import design_as_data, design_from_data
 from maglev_design.errors import InputError
 from maglev_design.files import digest, read_document, write_bytes
@@ -37,8 +44,12 @@ if TYPE_CHECKING:
     from maglev_design.tune import TradeOff, TuneResult
 
 KIND = "maglev-design"
+RECORD_VERSION = 2
+"""Of the layout of a design record; a record of another layout is made anew."""
 PACKAGES = ("casadi", "control", "cvxpy", "numpy", "scipy", "sympy")
 CERTIFICATE_FIELDS = ("loop", "certified", "status", "decay", "largest_beta_error", "solver")
+SAME_POLES = 1e-6
+"""Relative: poles that were computed from given gains are the roots of a polynomial."""
 LARGEST_RECORD = 50_000_000
 """[bytes]"""
 
@@ -99,6 +110,7 @@ def make_record(
     document = {
         "schema_version": SCHEMA_VERSION,
         "kind": KIND,
+        "record_version": RECORD_VERSION,
         "versions": {"maglev-design": __version__, "python": platform.python_version()} | versions,
         "rig": rig_as_data(rig),
         "design": design_as_data(design),
@@ -185,11 +197,12 @@ def load(path: Path) -> DesignRecord:
         raise InputError(f"{path}: not a design record (a number that is not finite)") from error
     if document.get("kind") != KIND:
         raise InputError(f"{path}: kind = {document.get('kind')!r}: must be {KIND!r}")
-    version = document.get("schema_version")
-    if version != SCHEMA_VERSION:
+    version = (document.get("schema_version"), document.get("record_version"))
+    if version != (SCHEMA_VERSION, RECORD_VERSION):
         raise InputError(
-            f"{path}: schema_version = {version!r}: this program reads {SCHEMA_VERSION}; "
-            "tune again to write a new record"
+            f"{path}: schema_version, record_version = {version[0]!r}, {version[1]!r}: this "
+            f"program reads {SCHEMA_VERSION}, {RECORD_VERSION}; make the record anew: "
+            "maglev-design tune -o FOLDER"
         )
     if document.get("sha256") != whole:
         raise InputError(
@@ -199,7 +212,7 @@ def load(path: Path) -> DesignRecord:
     try:
         rig = rig_from_data(document["rig"], str(path))
         design = design_from_data(document["design"], str(path))
-        _check_numbers(rig, design, path)
+        _check_numbers(rig, design, document, path)
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise InputError(f"{path}: damaged: {type(error).__name__} at {error}") from error
     return DesignRecord(rig, design, document, _read_curves(path.with_suffix(".npz")))
@@ -216,13 +229,41 @@ def _read_curves(path: Path) -> Curves:
         raise InputError(f"{path}: damaged, not the curves of a design record") from error
 
 
-def _check_numbers(rig: Rig, design: Design, path: Path) -> None:
-    """Raise `InputError` where a controller's difference equation is not that of its gains."""
+def _check_numbers(rig: Rig, design: Design, document: Mapping[str, Any], path: Path) -> None:
+    """Raise `InputError` where a record's numbers contradict each other."""
+    from maglev_design.tune.document import difference_equation  # noqa: PLC0415
+
     known = coefficient_inputs(rig, design.believed) | design.named_gains
     made = difference_coefficients(known, design.method, design.controller)
+    mine = (
+        rig.sampling.period,
+        rig.operating_point.gap,
+        (rig.limits.voltage[0], rig.limits.voltage[1]),
+        reference_of(rig),
+    )
+    if (design.period, design.Y, design.voltage_limits, design.reference) != mine:
+        raise InputError(f"{path}: period, Y, limits or reference do not belong to the rig")
+    told = {
+        "gains": design.named_gains,
+        "difference_equation": difference_equation(design),
+        "controller_sha256": design.sha256,
+    }
     if made.keys() != design.coefficients.keys() or not all(
         math.isclose(made[name], design.coefficients[name], rel_tol=1e-12) for name in made
     ):
         raise InputError(
             f"{path}: the difference equation does not belong to the gains and the rig; tune again"
         )
+    for name, value in told.items():
+        if document[name] != finite(value):
+            raise InputError(f"{path}: {name} is not that of the design beside it; tune again")
+    if not _placed(design):
+        raise InputError(f"{path}: the gains do not belong to the poles; tune again")
+
+
+def _placed(design: Design) -> bool:
+    """Whether the poles that stand beside the gains of TAN-GPI are those that the gains place."""
+    if design.controller.name != TAN_GPI.name:
+        return True
+    gains = gains_program().scalar()(*design.poles.values)
+    return all(map(partial(math.isclose, rel_tol=SAME_POLES), gains, design.gains))

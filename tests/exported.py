@@ -18,7 +18,7 @@ from maglev_design.record import DesignRecord
 from maglev_design.simulate import nominal_scenario, resimulate
 from maglev_design.tune import Status, TuneResult, build_problem
 from maglev_design.tune.problem import design_at
-from maglev_design.tune.result import Verification, judge
+from maglev_design.tune.result import Baseline, Verification, judge
 
 HOSTILE = "rig */ ??/ \"q\" 's' \\\n% #{U+} {{ x }} {% y %} \u2028 \u00e9 \U0001f9f2"
 WARNINGS = [
@@ -38,17 +38,16 @@ def judged(poles: PoleSpec, changes: dict[str, Any] | None = None) -> DesignReco
     rig = rig_with(SHORT, {"name": HOSTILE, "uncertainty.beta": 0.1, **(changes or {})})
     problem = build_problem(rig)
     figures = judge(problem, poles)
-    check = resimulate(rig, design_at(problem, poles, 1.0), nominal_scenario(rig, plant_beta(rig)))
+    check = resimulate(rig, design_at(problem, poles), nominal_scenario(rig, plant_beta(rig)))
     verification = Verification(figures.nominal.itae, check.itae)
     result = TuneResult(
         status=Status.OPTIMAL,
         problem=problem,
         poles=poles,
-        design=design_at(problem, poles, 1.0),
+        design=design_at(problem, poles),
         figures=figures,
-        baseline=figures,
         verification=verification,
-        baseline_verification=verification,
+        baseline=Baseline(poles, figures, verification),
         alternatives=(),
         landscape=None,
         evaluations=0,

@@ -88,9 +88,7 @@ def test_decimals_are_divided_as_decimals(period: int, delay: int) -> None:
 
 def test_the_paper_s_rig_has_the_paper_s_beta_and_voltage(paper_rig: Rig) -> None:
     assert round(designs.plant_beta(paper_rig), 8) == reference.BETA
-    believed = designs.believed_equilibrium(
-        paper_rig, "model", designs.plant_beta(paper_rig), math.nan
-    )
+    believed = designs.believed_equilibrium(paper_rig, "model")
     assert round(believed.U, 4) == reference.EQUILIBRIUM_VOLTAGE
     assert (paper_rig.operating_point.gap, designs.PAPER_POLES) == (
         reference.EQUILIBRIUM_GAP,
@@ -126,17 +124,73 @@ def readings(rig: Rig, beta_c: float, voltage: float) -> dict[Equilibrium, tuple
 
 @pytest.mark.parametrize("equilibrium", EQUILIBRIA)
 @pytest.mark.parametrize("factor", FACTORS)
-@pytest.mark.parametrize("measured", [None, 3.3])
+@pytest.mark.parametrize("given", [None, 3.3])
 def test_the_controller_believes_what_its_reading_says(
-    equilibrium: Equilibrium, factor: float, measured: float | None
+    equilibrium: Equilibrium, factor: float, given: float | None
 ) -> None:
-    rig = rig_with(OFFSET, {"operating_point.voltage": measured} if measured else {})
-    beta_c, beta_plant = beta_of(rig), beta_of(rig) / factor
-    Z = rig.operating_point.gap + rig.plant.gap_offset
-    voltage = measured or math.sqrt(rig.plant.gravity / beta_plant) * Z
-    believed = designs.believed_equilibrium(rig, equilibrium, beta_c, beta_plant)
-    expected = readings(rig, beta_c, voltage)[equilibrium]
+    rig = rig_with(OFFSET, {"operating_point.voltage": 2.7})
+    beta_c = beta_of(rig) * factor
+    believed = designs.believed_equilibrium(rig, equilibrium, beta_c=beta_c, voltage=given)
+    expected = readings(rig, beta_c, given or 2.7)[equilibrium]
     assert dataclasses.astuple(believed) == pytest.approx(expected, rel=ROUNDING)
+
+
+@pytest.mark.parametrize("equilibrium", ["appendix-a", "measured"])
+def test_a_reading_of_a_voltage_that_nobody_measured_is_refused(equilibrium: Equilibrium) -> None:
+    with pytest.raises(InputError, match=r"operating_point\.voltage \[V\] is missing.*'model'"):
+        designs.make_design(rig_with(SHORT), PoleSpec.double(1, 70), equilibrium=equilibrium)
+
+
+@pytest.mark.parametrize(
+    ("word", "options"),
+    [
+        ("measured", {"equilibrium": "mesured"}),
+        ("tustin", {"method": "tustn"}),
+        ("known: tustin, euler, zoh", {"method": "bilinear"}),
+    ],
+)
+def test_a_word_that_is_none_is_answered_with_the_nearest(
+    word: str, options: dict[str, Any]
+) -> None:
+    with pytest.raises(InputError, match=word):
+        designs.make_design(rig_with(SHORT), PoleSpec.double(1, 70), **options)
+
+
+def test_a_controller_has_a_name_that_its_numbers_alone_decide() -> None:
+    rig = rig_with(SHORT, {"operating_point.voltage": 2.1})
+    own = designs.make_design(rig, PoleSpec.double(1, 70))
+    assert own.sha256 == designs.make_design(rig, PoleSpec.double(1, 70)).sha256
+    assert dataclasses.replace(own, equilibrium="measured").sha256 == own.sha256
+    others = [
+        designs.make_design(rig, PoleSpec.double(1, 70), equilibrium="measured"),
+        designs.make_design(rig, PoleSpec.double(1, 70.000001)),
+        designs.make_design(rig, PoleSpec.double(1, 70), method="euler"),
+        designs.make_design(rig_with(SHORT, {"limits.voltage": [0, 6]}), PoleSpec.double(1, 70)),
+        designs.make_design(rig_with(SHORT, {"reference.end_gap": 0.013}), PoleSpec.double(1, 70)),
+        designs.make_design(rig_with(SHORT, {"sampling.period": 0.002}), PoleSpec.double(1, 70)),
+    ]
+    assert len({own.sha256, *(design.sha256 for design in others)}) == 1 + len(others)
+
+
+def test_given_gains_are_the_gains() -> None:
+    gains = (1.0e7, 1.0e6, 3.0e4, 270.0)
+    design = designs.make_design(rig_with(SHORT), PoleSpec.double(1, 70), gains=gains)
+    assert design.gains == gains
+    assert (
+        design.coefficients
+        != designs.make_design(rig_with(SHORT), PoleSpec.double(1, 70)).coefficients
+    )
+
+
+def test_a_voltage_that_contradicts_the_force_constant_is_named_with_the_beta_it_implies() -> None:
+    disagreeing = rig_with(SHORT, {"operating_point.voltage": 4.165, "uncertainty.beta": 0.15})
+    warning = designs.voltage_warning(disagreeing)
+    assert warning is not None
+    assert "implies beta = 0.000342" in warning
+    assert "0.25 times" in warning
+    for voltage in (2.0825, 2.2, None):
+        rig = rig_with(SHORT, {"operating_point.voltage": voltage, "uncertainty.beta": 0.15})
+        assert designs.voltage_warning(rig) is None
 
 
 # --- a whole design ------------------------------------------------------------------------
@@ -147,19 +201,15 @@ def test_the_controller_believes_what_its_reading_says(
 def test_a_design_holds_the_difference_equation_that_its_numbers_give(
     method: Method, equilibrium: Equilibrium
 ) -> None:
-    rig = rig_with(OFFSET)
+    voltage = 2.7
+    rig = rig_with(OFFSET, {"operating_point.voltage": voltage})
     poles = PoleSpec((0.8, 90.0), (1.3, 120.0))
-    beta_plant = beta_of(rig) / 1.1
-    design = designs.make_design(
-        rig, poles, equilibrium=equilibrium, method=method, beta_plant=beta_plant
-    )
+    design = designs.make_design(rig, poles, equilibrium=equilibrium, method=method)
     assert (design.method, design.equilibrium, design.poles) == (method, equilibrium, poles)
     assert rig.operating_point.gap == design.Y
     quartic = np.polymul([1, 2 * 0.8 * 90, 90**2], [1, 2 * 1.3 * 120, 120**2])
     assert design.gains == pytest.approx(tuple(quartic[:0:-1]), rel=ROUNDING)
     k0, k1, k2, k3 = design.gains
-    Z = rig.operating_point.gap + rig.plant.gap_offset
-    voltage = math.sqrt(rig.plant.gravity / beta_plant) * Z
     U, c_u, c_y, _ = readings(rig, beta_of(rig), voltage)[equilibrium]
     assert pytest.approx(U, rel=ROUNDING) == design.believed.U
     through = (k2 + c_y) / c_u

@@ -20,9 +20,11 @@ from maglev_design import loop as loops
 from maglev_design.choices import EQUILIBRIA, METHODS, TAN_GPI, Controller, Equilibrium, Method
 from maglev_design.design import (
     PoleSpec,
+    believed_equilibrium,
     make_design,
     plant_beta,
 )
+from maglev_design.errors import InputError
 from maglev_design.loop import Family, Loop, build_loop
 from maglev_design.parameters import Rig
 from maglev_design.simulate import Scenario, loop_for
@@ -50,14 +52,21 @@ STEP = {"Ms": 1e-5, "noise": 1e-5, "hurwitz": 1e-5, "radius": 3e-4}
 DIFFERENCE = 5e-4
 """Of central differences with these steps, of a value that a search or eigenvalues give."""
 
-DELAYED = {"sampling.delay": 0.0017, "uncertainty.beta": 0.1}
+DELAYED = {
+    "sampling.delay": 0.0017,
+    "uncertainty.beta": 0.1,
+    "operating_point.voltage": 2.15,
+}
 RIGS = {
-    "short": rig_with(SHORT, {"uncertainty.beta": 0.1}),
-    "part of a sample late": rig_with(SHORT, {"sampling.delay": 0.0004, "uncertainty.beta": 0.1}),
+    "short": rig_with(SHORT, {"uncertainty.beta": 0.1, "operating_point.voltage": 2.1}),
+    "part of a sample late": rig_with(
+        SHORT,
+        {"sampling.delay": 0.0004, "uncertainty.beta": 0.1, "operating_point.voltage": 2.0},
+    ),
     "more than a sample late": rig_with(SHORT, DELAYED),
-    "offset": rig_with(OFFSET, {"uncertainty.beta": 0.1}),
+    "offset": rig_with(OFFSET, {"uncertainty.beta": 0.1, "operating_point.voltage": 3.4}),
     "offset, late, measured voltage": rig_with(
-        OFFSET, {"sampling.delay": 0.0007, "operating_point.voltage": 14.0}
+        OFFSET, {"sampling.delay": 0.0007, "operating_point.voltage": 3.2}
     ),
 }
 POLES = (1.1, 75.0, 0.8, 95.0)
@@ -98,18 +107,14 @@ def gains_of(poles: tuple[float, ...]) -> Array:
     return np.asarray(product[:0:-1], dtype=float)
 
 
-def believed(rig: Rig, reading: Equilibrium, ratio: float) -> tuple[float, float]:
-    known = told(rig, reading, ratio)
-    return known.C_U, known.C_Y
-
-
-def told(rig: Rig, reading: Equilibrium, ratio: float) -> Known:
+def told(rig: Rig, reading: Equilibrium) -> Known:
     plant, point = rig.plant, rig.operating_point
     g, Z = plant.gravity, point.gap + plant.gap_offset
     beta_c = plant.force_constant * plant.current_gain**2 / plant.mass
     U = math.sqrt(g / beta_c) * Z
     if reading != "model":
-        U = point.voltage or math.sqrt(g * ratio / beta_c) * Z
+        assert point.voltage is not None
+        U = point.voltage
     C_U, C_Y = 2 * g / U, 2 * g / Z
     if reading == "appendix-a":
         C_U, C_Y = 2 * beta_c * U / Z**2, 2 * beta_c * U**2 / Z**3
@@ -118,10 +123,9 @@ def told(rig: Rig, reading: Equilibrium, ratio: float) -> Known:
     return Known(point.gap, U, C_U, C_Y, beta_c, g, plant.gap_offset)
 
 
-def actual(rig: Rig, gap: float, ratio: float) -> tuple[float, float]:
+def actual(rig: Rig, gap: float, beta: float) -> tuple[float, float]:
     plant = rig.plant
     g, Z = plant.gravity, gap + plant.gap_offset
-    beta = plant.force_constant * plant.current_gain**2 / plant.mass / ratio
     return 2 * g / (math.sqrt(g / beta) * Z), 2 * g / Z
 
 
@@ -136,7 +140,7 @@ def linear(
     controller: Controller = TAN_GPI,
 ) -> Linear:
     T, delay = rig.sampling.period, rig.sampling.delay + extra * rig.sampling.period
-    known = told(rig, reading, ratio)
+    known = told(rig, reading)
     if controller == TAN_GPI:
         k0, k1, k2, k3 = gains_of(poles)
         C_U, C_Y = known.C_U, known.C_Y
@@ -147,14 +151,14 @@ def linear(
         k = byhand.gains_of(controller, poles)
         a, b, c, d = byhand.sampled(byhand.core(controller, k, known.C_U, known.C_Y), T, method)
         heard = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 0.0]])
-        held_at = math.sqrt(known.g * ratio / plant_beta(rig)) * (gap + known.y0)
+        held_at = math.sqrt(known.g * ratio / known.beta) * (gap + known.y0)
         rise = byhand.slope(controller, held_at, gap, known)
         c, d = rise * c, rise * d
     noisy = heard @ np.array([[1.0], [0.0]])  # noise is on the gap alone
     b_noise, d_noise = b @ noisy, (d @ noisy).item()
     b, d = b @ heard, d @ heard
 
-    true_u, true_y = actual(rig, gap, ratio)
+    true_u, true_y = actual(rig, gap, known.beta / ratio)
     flow = np.zeros((3, 3))
     flow[:2] = np.array([[0.0, 1.0, 0.0], [true_y, 0.0, -true_u]])
     whole = math.floor(round(delay / T, 9))
@@ -183,7 +187,7 @@ def linear(
 
 
 def over(rig: Rig) -> Family:
-    return loops.family(rig, rig.uncertainty.beta)
+    return loops.family(rig)
 
 
 def loop_of(
@@ -194,7 +198,11 @@ def loop_of(
     controller: Controller = TAN_GPI,
 ) -> Loop:
     return build_loop(
-        rig, equilibrium=reading, method=method, controller=controller, extra_samples=extra
+        rig,
+        believed_equilibrium(rig, reading),
+        method=method,
+        controller=controller,
+        extra_samples=extra,
     )
 
 
@@ -296,7 +304,8 @@ def test_the_hurwitz_margin_is_positive_exactly_where_the_roots_are_left(seed: i
         poles = (random.uniform(0.3, 2), float(w[0]), random.uniform(0.3, 2), float(w[1]))
         gap, ratio = random.uniform(0.3 * low, high), random.uniform(0.4, 3)
         k0, k1, k2, k3 = gains_of(poles)
-        (b_u, b_y), (c_u, c_y) = believed(rig, reading, ratio), actual(rig, gap, ratio)
+        known = told(rig, reading)
+        (b_u, b_y), (c_u, c_y) = (known.C_U, known.C_Y), actual(rig, gap, known.beta / ratio)
         law = c_u / b_u * np.array([k2 + b_y, k1 + k3 * b_y, k0])
         polynomial = np.polyadd(np.polymul([1, 0, -c_y], [1, k3, 0]), law)
         right = float(np.roots(polynomial).real.max())
@@ -469,7 +478,8 @@ def test_the_hurwitz_margin_of_every_controller_decides_stability(name: str) -> 
         w = random.uniform(0.1, 2, 2) * math.sqrt(2 * 9.81 / high)
         poles = (random.uniform(0.3, 2), float(w[0]), random.uniform(0.3, 2), float(w[1]))
         gap, ratio = random.uniform(0.3 * low, 3 * high), random.uniform(0.1, 3)
-        known, (c_u, c_y) = told(rig, reading, ratio), actual(rig, gap, ratio)
+        known = told(rig, reading)
+        c_u, c_y = actual(rig, gap, known.beta / ratio)
         a, b, c, d = byhand.core(law, byhand.gains_of(law, poles), known.C_U, known.C_Y)
         c_u *= byhand.slope(law, 2 * known.g / c_u, gap, known)
         heard = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 0.0]])
@@ -571,7 +581,7 @@ def test_the_linear_loop_is_the_simulated_one_for_small_deviations(
 
 
 def test_the_family_spans_path_start_and_equilibrium_and_the_ratios(paper_rig: Rig) -> None:
-    found = loops.family(paper_rig, 0.15)
+    found = loops.family(paper_rig)
     assert found.gaps == (0.012, 0.0246)
     assert found.ratios == pytest.approx((0.85, 1.15))
 
@@ -591,6 +601,46 @@ def test_a_family_has_four_corners_or_fewer_when_an_interval_is_a_point() -> Non
     }
     assert corners(Family((0.01, 0.02), (1.0, 1.0))) == {(0.01, 1.0), (0.02, 1.0)}
     assert corners(Family((0.01, 0.01), (1.0, 1.0))) == {(0.01, 1.0)}
+
+
+def test_a_measured_voltage_makes_the_ratio_s_interval() -> None:
+    rig = RIGS["offset"]
+    assert loops.family(rig, "measured").ratios == pytest.approx((0.99**2, 1.01**2))
+    stated = rig_with(rig.model_dump(exclude_none=True), {"uncertainty.voltage": 0.03})
+    assert loops.family(stated, "measured").ratios == pytest.approx((0.97**2, 1.03**2))
+    assert loops.family(stated, "measured", 0.2).ratios == pytest.approx((0.8, 1.2))
+    for reading in ("model", "appendix-a"):
+        assert loops.family(stated, reading).ratios == pytest.approx((0.9, 1.1))
+    with pytest.raises(InputError, match="less than 1"):
+        loops.family(rig, "model", 1.0)
+
+
+@pytest.mark.parametrize("reading", ["model", "measured"])
+def test_another_offset_is_another_direction_of_the_family(reading: Equilibrium) -> None:
+    """Every plant of the family, built by itself, is as the family's rectangles say."""
+    data = RIGS["offset"].model_dump(exclude_none=True)
+    y0, Y = RIGS["offset"].plant.gap_offset, RIGS["offset"].operating_point.gap
+    offsets = (y0 - 0.0005, y0 + 0.001)
+    rig = rig_with(data, {"uncertainty.gap_offset": list(offsets)})
+    own, whole = believed_equilibrium(rig, reading), loops.family(rig, reading)
+    known = loops.peak_sensitivity(loop_of(rig, reading=reading), POLES, whole).value
+    found = []
+    for offset in (offsets[0], y0, offsets[1]):
+        other = rig_with(data, {"plant.gap_offset": offset})
+        loop = build_loop(other, own, method="tustin")
+        for ratio in whole.ratios:
+            beta = own.beta / ratio
+            if reading == "measured":  # the plants that hold the ball at Y with the same U
+                beta *= ((Y + offset) / (Y + y0)) ** 2
+                U = math.sqrt(9.81 / beta) * (Y + offset)
+                assert pytest.approx(own.U * math.sqrt(ratio), rel=1e-12) == U
+            true = own.beta / beta
+            assert whole.ratio_at(ratio, offset - y0) == pytest.approx(true, rel=1e-12)
+            for gap in whole.gaps:
+                at = Family((gap, gap), (true, true))
+                found.append(loops.peak_sensitivity(loop, POLES, at).value)
+    assert max(found) <= known * (1 + ROUNDING)
+    assert known <= max(found) * (1 + GRID_MISS)
 
 
 @pytest.mark.parametrize("extra", [0, 1])

@@ -12,7 +12,9 @@ import pytest
 from recorded import recorded
 from rigs import SHORT, rig_with
 
+from maglev_design.design import PoleSpec
 from maglev_design.errors import InputError
+from maglev_design.files import digest
 from maglev_design.plain import finite
 from maglev_design.record import (
     LARGEST_RECORD,
@@ -37,7 +39,7 @@ CHANGES = {
 @pytest.fixture(scope="module")
 def record() -> DesignRecord:
     problem = build_problem(rig_with(SHORT, CHANGES))
-    result = solve(problem)
+    result = solve(problem, baseline=PoleSpec.double(1, 70))
     assert isinstance(result, TuneResult)
     return recorded(result)
 
@@ -191,8 +193,13 @@ def test_one_flipped_bit_never_passes_as_something_else(record: DesignRecord, sa
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("schema_version", 2, "schema_version = 2: this program reads 1"),
-        ("schema_version", None, "schema_version = None"),
+        ("schema_version", 2, "schema_version, record_version = 2, 2: this program reads 1, 2"),
+        ("schema_version", None, "make the record anew: maglev-design tune"),
+        ("record_version", 1, "record_version = 1, 1: this program reads 1, 2"),
+        ("record_version", None, "make the record anew: maglev-design tune"),
+        ("controller_sha256", "0" * 64, "controller_sha256 is not that of the design beside it"),
+        ("gains", {"k0": 1.0}, "gains is not that of the design beside it"),
+        ("difference_equation", {}, "difference_equation is not that of the design beside it"),
         ("kind", "something", "kind = 'something'"),
         ("rig", None, "rig"),
         ("rig", {}, "required and missing"),
@@ -208,46 +215,72 @@ def test_a_record_of_another_shape_is_refused(
     refused(saved, message)
 
 
+def renamed(document: dict[str, Any]) -> None:
+    """Give a controller whose numbers were edited the name that belongs to them."""
+    design = document["design"]
+    name = digest(design["numbers"])
+    design["controller_sha256"] = document["controller_sha256"] = name
+
+
 @pytest.mark.parametrize(
     ("key", "value"),
     [
-        ("gains", [1.0, 2.0, 3.0, 4.0]),
-        ("gains", [1.0, 2.0, 3.0]),
-        ("gains", ["a", "b", "c", "d"]),
-        ("poles", [[1.0, 71.0], [1.0, 71.0]]),
-        ("poles", [[1.0, -71.0], [1.0, 71.0]]),
-        ("poles", "1 71"),
+        ("gains", {"k0": 1.0, "k1": 2.0, "k2": 3.0, "k3": 4.0}),
+        ("gains", {"k0": 1.0, "k1": 2.0, "k2": 3.0}),
+        ("gains", {"k0": "a", "k1": "b", "k2": "c", "k3": "d"}),
         ("coefficients", {}),
         ("method", "rk4"),
         ("method", "euler"),
-        ("equilibrium", ["model"]),
+        ("period", 0.001),
+        ("U", 1.0),
+        ("C_U", 1.0),
+        ("C_Y", 1.0),
+        ("Y", 0.02),
+        ("voltage_limits", [0.0, 3.0]),
+        ("reference", [0.0242, 0.012, 0.1, 0.4]),
+        ("reference", [0.0242]),
+        ("law", {"name": "lin-pid"}),
+        ("law", {"nom": "tan-gpi"}),
     ],
 )
-def test_numbers_that_do_not_belong_together_are_refused(saved: Path, key: str, value: Any) -> None:
+@pytest.mark.parametrize("signed", [False, True])
+def test_numbers_that_do_not_belong_together_are_refused(
+    saved: Path, key: str, value: Any, signed: bool
+) -> None:
+    def change(document: dict[str, Any]) -> None:
+        document["design"]["numbers"][key] = value
+        if signed:
+            renamed(document)
+
+    rewritten(saved, change)
+    refused(saved, r"do(es)? not belong|damaged|unknown equilibrium|is not that|are not those")
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("poles", [[1.0, 71.0], [1.0, 71.0]]),
+        ("poles", [[1.0, -71.0], [1.0, 71.0]]),
+        ("poles", "1 71"),
+        ("equilibrium", ["model"]),
+        ("controller_sha256", "0" * 64),
+        ("beta_c", "x"),
+    ],
+)
+def test_labels_that_do_not_belong_to_the_numbers_are_refused(
+    saved: Path, key: str, value: Any
+) -> None:
     rewritten(saved, lambda document: document["design"].update({key: value}))
-    refused(saved, r"do not belong|damaged|unknown equilibrium|greater than 0")
+    refused(saved, r"do(es)? not belong|damaged|unknown equilibrium|greater than 0|are not those")
 
 
 def test_one_gain_moved_in_its_last_visible_digit_is_refused(saved: Path) -> None:
     def change(document: dict[str, Any]) -> None:
-        document["design"]["gains"][0] *= 1 + 1e-9
+        document["design"]["numbers"]["gains"]["k0"] *= 1 + 1e-9
+        renamed(document)
 
     rewritten(saved, change)
-    refused(saved, "the gains do not belong to the poles and the rig")
-
-
-def test_a_coefficient_is_looked_at_by_its_name(saved: Path) -> None:
-    def change(document: dict[str, Any]) -> None:
-        values = document["design"]["coefficients"]
-        document["design"]["coefficients"] = {f"{name}_": v for name, v in values.items()}
-
-    rewritten(saved, change)
-    refused(saved, "do not belong|damaged")
-
-
-def test_a_voltage_that_does_not_belong_is_refused(saved: Path) -> None:
-    rewritten(saved, lambda document: document["design"]["believed"].update({"U": 1.0}))
-    refused(saved, "do not belong|damaged")
+    refused(saved, "the difference equation does not belong to the gains|is not that")
 
 
 @pytest.mark.parametrize(
@@ -265,7 +298,7 @@ def test_a_voltage_that_does_not_belong_is_refused(saved: Path) -> None:
         b'{"kind": "maglev-design", "schema_version": 1, "x": -Infinity}',
         b'{"kind": "maglev-design", "schema_version": 1, "x": 1e999}',
         b'{"kind": "maglev-design", "schema_version": 1, "x": ' + b"9" * 5000 + b"}",
-        b'{"kind": "maglev-design", "schema_version": 1, "x": "\\ud800"}',
+        b'{"kind": "maglev-design", "schema_version": 1, "record_version": 2, "x": "\\ud800"}',
     ],
     ids=lambda content: repr(content[:60]),
 )

@@ -14,7 +14,7 @@ from records import chosen, tuned
 from rigs import OFFSET, SHORT, rig_with
 
 from maglev_design.choices import Equilibrium, Method
-from maglev_design.design import PoleSpec, make_design, plant_beta
+from maglev_design.design import PoleSpec, believed_equilibrium, make_design
 from maglev_design.loop import Family, build_loop, peak_sensitivity
 from maglev_design.parameters import Rig
 from maglev_design.plain import finite
@@ -46,10 +46,8 @@ def in_script(record: DesignRecord, settings: dict[str, float]) -> Any:
 
 def in_python(record: DesignRecord, poles: PoleSpec, ratio: float) -> Response:
     rig, design = record.rig, record.design
-    beta = plant_beta(rig) / ratio
-    moved = make_design(
-        rig, poles, equilibrium=design.equilibrium, method=design.method, beta_plant=beta
-    )
+    moved = make_design(rig, poles, equilibrium=design.equilibrium, method=design.method)
+    beta = moved.beta_at(ratio)
     scenario = Scenario(beta, rig.initial.gap, rig.initial.velocity)
     return simulate(loop_for(rig, moved), moved, scenario)
 
@@ -61,8 +59,13 @@ def settings_of(poles: PoleSpec, ratio: float) -> dict[str, float]:
 
 CASES: list[tuple[dict[str, Any], dict[str, Any], Method, Equilibrium]] = [
     (SHORT, {}, "tustin", "model"),
-    (SHORT, {"sampling.delay": 0.0004}, "euler", "appendix-a"),
-    (SHORT, {"sampling.delay": 0.001, "reference.horizon": 0.3995}, "zoh", "measured"),
+    (SHORT, {"sampling.delay": 0.0004, "operating_point.voltage": 2.05}, "euler", "appendix-a"),
+    (
+        SHORT,
+        {"sampling.delay": 0.001, "reference.horizon": 0.3995, "operating_point.voltage": 2.0},
+        "zoh",
+        "measured",
+    ),
     (SHORT, {"operating_point.voltage": 2.1, "limits": ...}, "tustin", "measured"),
     (OFFSET, {"sampling.delay": 0.0006}, "tustin", "model"),
 ]
@@ -94,7 +97,7 @@ def test_the_page_has_the_poles_and_the_sensitivity_of_the_loop(
     rig: Rig = rig_with(base, changes)
     record = chosen(rig, PoleSpec.double(1.0, 70.0), method, equilibrium)
     poles, ratio = PoleSpec((0.9, 80.0), (1.2, 95.0)), 0.93
-    loop = build_loop(rig, equilibrium=equilibrium, method=method)
+    loop = build_loop(rig, believed_equilibrium(rig, equilibrium), method=method)
     for at in in_script(record, settings_of(poles, ratio))["loops"]:
         closed, _ = loop.characteristic(poles.values, at["gap"], ratio)
         roots = np.roots(closed.full().ravel())

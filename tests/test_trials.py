@@ -10,7 +10,13 @@ import pytest
 from rigs import SHORT, rig_with
 
 from maglev_design.choices import TAN_GPI, Controller
-from maglev_design.design import PAPER_POLES, PoleSpec, make_design, plant_beta
+from maglev_design.design import (
+    PAPER_POLES,
+    PoleSpec,
+    believed_equilibrium,
+    make_design,
+    plant_beta,
+)
 from maglev_design.loop import build_loop, family, peak_sensitivity
 from maglev_design.paper.comparison import Comparison, compare, summarise
 from maglev_design.paper.survey import COMPARED
@@ -62,9 +68,7 @@ def test_a_trial_is_the_simulation_that_it_says(
     chosen = next(t for t in TRIALS if t == trial)
     _, response = run_trial(short_rig, contender, chosen, default_reading(short_rig), seed=3)
     beta = plant_beta(short_rig)
-    design = make_design(
-        short_rig, PAPER, controller=contender.controller, beta_c=beta * ratio, beta_plant=beta
-    )
+    design = make_design(short_rig, PAPER, controller=contender.controller, beta_c=beta * ratio)
     start = short_rig.initial
     scenario = Scenario(beta, start.gap, start.velocity, noise=chosen.noise, seed=3)
     direct, _ = error_bounds(short_rig, design, scenario)
@@ -77,7 +81,7 @@ def test_the_plant_can_move_instead_of_the_controller(short_rig: Rig) -> None:
     reading = default_reading(short_rig)
     _, moved = run_trial(short_rig, tan, MISMATCHED, replace(reading, controller_moves=False))
     beta = plant_beta(short_rig)
-    design = make_design(short_rig, PAPER, beta_plant=beta / 1.15)
+    design = make_design(short_rig, PAPER)
     start = short_rig.initial
     scenario = Scenario(beta / 1.15, start.gap, start.velocity, noise=True)
     direct, _ = error_bounds(short_rig, design, scenario)
@@ -127,11 +131,11 @@ def test_every_controller_has_the_margins_of_its_own_loop(
     for margins in found.margins:
         loop = build_loop(
             short_rig,
-            equilibrium="model",
+            believed_equilibrium(short_rig, "model"),
             method="tustin",
             controller=margins.contender.controller,
         )
-        over = family(short_rig, short_rig.uncertainty.beta)
+        over = family(short_rig)
         peak = peak_sensitivity(loop, margins.contender.poles.values, over)
         # python-control's grid of frequencies and gaps against the refined search
         assert margins.margins.ms.value == pytest.approx(peak.value, rel=5e-3)

@@ -49,7 +49,7 @@ def summary_chapter(record: DesignRecord) -> Section:
     """Return the answer in a few sentences."""
     document = record.document
     key, worst, base = document["objective"], document["worst_case"], document["baseline"]
-    u = document["beta_error"]
+    low, high = document["family"]["ratios"]
     unit = INDEX_UNITS[key]
     first: Runs = (
         "The desired poles are ",
@@ -59,11 +59,22 @@ def summary_chapter(record: DesignRecord) -> Section:
         f" They have the smallest {key.upper()} of the tracking error at its worst over ",
         RATIO,
         " from ",
-        Quantity(1 - u),
+        Quantity(low),
         " to ",
-        Quantity(1 + u),
+        Quantity(high),
         ": ",
         Quantity(worst[key], unit),
+        *(() if base is None else _compared(base)),
+        ".",
+    )
+    status: Runs = (Strong("Status: "), document["message"])
+    return Section("The result", (Paragraph(first), Paragraph(status)))
+
+
+def _compared(base: Mapping[str, Any]) -> Runs:
+    """Return by how much the design is better than the yardstick."""
+    broken = f" (a choice that breaks these: {', '.join(base['violated'])})"
+    return (
         ", ",
         times_runs(base["improvement"]),
         " times smaller than with ",
@@ -75,15 +86,8 @@ def summary_chapter(record: DesignRecord) -> Section:
         " = ",
         Quantity(base["omega_n"], "rad/s"),
         " under the same limits",
-        *(
-            ()
-            if base["feasible"]
-            else (f" (a choice that breaks these: {', '.join(base['violated'])})",)
-        ),
-        ".",
+        *(() if base["feasible"] else (broken,)),
     )
-    status: Runs = (Strong("Status: "), document["message"])
-    return Section("The result", (Paragraph(first), Paragraph(status)))
 
 
 def _double(document: Mapping[str, Any]) -> bool:
@@ -94,8 +98,9 @@ def _double(document: Mapping[str, Any]) -> bool:
 def worst_chapter(record: DesignRecord) -> Section:
     """Return the figures of the loop at their worst, of the yardstick, and without any error."""
     document = record.document
-    base, u = document["baseline"], document["beta_error"]
-    columns = (document["worst_case"], base["worst_case"], document["nominal"])
+    base, (low, high) = document["baseline"], document["family"]["ratios"]
+    others = [] if base is None else [base["worst_case"]]
+    columns = [document["worst_case"], *others, document["nominal"]]
 
     def row(label: Runs, key: str, unit: str) -> tuple[Runs, ...]:
         cells = tuple((Quantity(c[key], unit) if key in c else "–",) for c in columns)  # noqa: RUF001
@@ -121,29 +126,21 @@ def worst_chapter(record: DesignRecord) -> Section:
             "Figures of the loop at their worst over ",
             RATIO,
             " from ",
-            Quantity(1 - u),
+            Quantity(low),
             " to ",
-            Quantity(1 + u),
+            Quantity(high),
             ", and on the plant that the controller believes in.",
         ),
-        (("figure",), ("tuned",), ("yardstick",), ("tuned, nominal",)),
+        (("figure",), ("tuned",), *((("yardstick",),) if others else ()), ("tuned, nominal",)),
         tuple(rows),
         tune_command(record),
-        "lrrr",
+        "l" + "r" * len(columns),
     )
     share = _share(document["worst_case"]["itae_split"])
     told: list[Block] = [
         Paragraph(
             (
-                "The yardstick is ",
-                ZETA,
-                " = ",
-                Quantity(base["zeta"]),
-                ", ",
-                OMEGA,
-                " = ",
-                Quantity(base["omega_n"], "rad/s"),
-                ", the choice of the paper's section 4, with the same method and reading. ",
+                *(() if base is None else _yardstick(base)),
                 Link("worst"),
                 " has the true error ",
                 Maths("e = y - y^*"),
@@ -234,12 +231,29 @@ def limits_chapter(record: DesignRecord) -> Section:
     return Section("Limits and margins", (told, limits, table))
 
 
+def _yardstick(base: Mapping[str, Any]) -> Runs:
+    """Return which poles the design is compared with."""
+    return (
+        "The yardstick is ",
+        ZETA,
+        " = ",
+        Quantity(base["zeta"]),
+        ", ",
+        OMEGA,
+        " = ",
+        Quantity(base["omega_n"], "rad/s"),
+        ", with the same method and reading. ",
+    )
+
+
 def verification_chapter(record: DesignRecord) -> Section:
     """Return how the optimum was checked."""
     document = record.document
     key, check = document["objective"], document["verification"]
     rows = [("tuned", document["worst_case"], check)]
-    rows.append(("yardstick", document["baseline"]["worst_case"], check["baseline"]))
+    base = document["baseline"]
+    if base is not None:
+        rows.append(("yardstick", base["worst_case"], base["verification"]))
     table = Table(
         "verification",
         (f"The worst-case {key.upper()}, computed twice.",),
@@ -279,9 +293,10 @@ def alternatives_chapter(record: DesignRecord) -> Section | None:
     for other in document["alternatives"]:
         worst = other["worst_case"]
         anew = "tuned anew" if other["tuned"] else "same poles"
+        kind = "U measured:" if other["kind"] == "planning" else other["kind"]
         rows.append(
             (
-                (f"{other['kind']} ", Code(other["name"]), f", {anew}"),
+                (f"{kind} ", Code(other["name"]), f", {anew}"),
                 (Quantity(worst[key], INDEX_UNITS[key]),),
                 (times_runs(other["improvement"]),),
                 (Quantity(worst["peak_voltage"], "V"),),
@@ -305,20 +320,20 @@ def alternatives_chapter(record: DesignRecord) -> Section | None:
         "lrrrrl",
     )
     blocks: list[Block] = [table]
-    measured = next((a for a in document["alternatives"] if a["name"] == "measured"), None)
-    if measured is not None and measured["worst_case"][key] < document["worst_case"][key]:
+    planned = next((a for a in document["alternatives"] if a["kind"] == "planning"), None)
+    if planned is not None:
         blocks.append(
             Paragraph(
                 (
-                    "Measuring once the voltage ",
+                    "Measuring the voltage ",
                     Maths("U"),
-                    " that holds the ball, instead of computing it from ",
+                    " that holds the ball to ",
+                    Quantity(100 * record.rig.uncertainty.voltage_error, "%"),
+                    ", instead of computing it from ",
                     Maths(r"\beta_c"),
                     ", would make the worst case ",
-                    times_runs(measured["improvement"]),
-                    " times smaller at these poles"
-                    + (". " if measured["feasible"] else ", which then need tuning anew. "),
-                    "It rests on ",
+                    times_runs(planned["improvement"]),
+                    " times smaller, tuned anew. It rests on ",
                     Maths("y_0"),
                     " instead: where that is wrong, the error of the move comes back.",
                 )

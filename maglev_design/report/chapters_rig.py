@@ -181,7 +181,7 @@ def commands_chapter(record: DesignRecord) -> Section:
                 (
                     tune_command(record),
                     REPORT,
-                    simulate_command(1 - record.document["beta_error"]),
+                    simulate_command(record.document["family"]["ratios"][0]),
                 )
             )
         ),

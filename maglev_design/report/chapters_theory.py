@@ -117,9 +117,9 @@ def routh_chapter(record: DesignRecord, derivation: Derivation) -> Section:
 
 def _routh_table(record: DesignRecord) -> Table:
     """Return the array's first column as designed and at the corners of gaps and ratios."""
-    u = record.document["beta_error"]
+    ratios = record.document["family"]["ratios"]
     gaps = sorted({float(gap) for gap in path_gaps(record.rig, 2)})
-    corners = [(gap, ratio) for gap in gaps for ratio in sorted({1 - u, 1 + u})]
+    corners = [(gap, ratio) for gap in gaps for ratio in sorted(set(ratios))]
     points = [(record.design.Y, 1.0), *corners]
     found = [_first_column(record, *point) for point in points]
     rows = tuple(

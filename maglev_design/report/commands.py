@@ -36,7 +36,7 @@ def tune_command(record: DesignRecord) -> str:
         ("--objective", document["objective"], "itae"),
         ("--equilibrium", document["equilibrium"], "model"),
         ("--method", document["method"], rig.sampling.method),
-        ("--beta-error", document["beta_error"], rig.uncertainty.beta),
+        ("--beta-error", document["beta_error_given"], None),
         ("--max-ms", limits.get("Ms"), DEFAULT_MAX_MS),
         (
             "--max-noise-voltage",

@@ -26,6 +26,7 @@ def as_json(result: TuneResult) -> dict[str, Any]:
         "equilibrium": problem.equilibrium,
         "method": problem.method,
         "beta_error": problem.beta_error,
+        "beta_error_given": problem.given_beta_error,
         "family": family_as_data(problem),
         "scenarios": "robust" if len(problem.cases) > 1 else "nominal",
         "seed": problem.seed,

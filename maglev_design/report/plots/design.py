@@ -50,7 +50,8 @@ def tracking(curves: Curves, document: Mapping[str, Any]) -> Figure:
     """Draw the gap and its reference, tuned and baseline, at the worst ratio of each."""
     figure, axes = _axes()
     t = curves["times"]
-    axes.plot(t, 1e3 * curves["baseline_gap"], color=BLUE, ls="--", label=_baseline_label(document))
+    for name, colour, dash, label in _compared(document):
+        axes.plot(t, 1e3 * curves[f"{name}_gap"], color=colour, ls=dash, label=label)
     axes.plot(t, 1e3 * curves["worst_gap"], color=RED, label=_tuned_label(document))
     axes.plot(t, 1e3 * curves["reference"], color="black", lw=0.9, ls=":", label="reference $y^*$")
     axes.set(xlabel="time $t$ [s]", ylabel="gap $y$ [mm]", title=_title(document, "Tracking"))
@@ -66,7 +67,7 @@ def error(curves: Curves, document: Mapping[str, Any]) -> Figure:
     t, reference = curves["times"], curves["reference"]
     early = _start(t, document)
     for name, colour, dash, label in (
-        ("baseline", BLUE, "--", _baseline_label(document)),
+        *_compared(document),
         ("worst", RED, "-", _tuned_label(document)),
         ("nominal", GREEN, "-.", "tuned, exact beta"),
     ):
@@ -100,7 +101,7 @@ def voltage(curves: Curves, document: Mapping[str, Any]) -> Figure:
     early = _start(t, document)
     for axes, part in ((left, early), (right, slice(None))):
         for name, colour, dash, label in (
-            ("baseline", BLUE, "--", _baseline_label(document)),
+            *_compared(document),
             ("worst", RED, "-", _tuned_label(document)),
         ):
             u = curves[f"{name}_commanded"]
@@ -143,15 +144,9 @@ def landscape(curves: Curves, document: Mapping[str, Any]) -> Figure:
         label = "tuned" if n == 0 else None
         axes.plot(speed, damping, "*", color=RED, ms=13, mec="white", label=label)
     base = document["baseline"]
-    axes.plot(
-        base["omega_n"],
-        base["zeta"],
-        "o",
-        color=BLUE,
-        mec="white",
-        ms=8,
-        label="$\\zeta=1$, $\\omega_n=70$",
-    )
+    if base is not None:
+        label = f"$\\zeta={base['zeta']:g}$, $\\omega_n={base['omega_n']:g}$"
+        axes.plot(base["omega_n"], base["zeta"], "o", color=BLUE, mec="white", ms=8, label=label)
     axes.set(
         xscale="log",
         yscale="log",
@@ -206,12 +201,13 @@ def _tuned_label(document: Mapping[str, Any]) -> str:
     return f"tuned ({poles}), ratio {document['worst_case']['ratio']:.3g}"
 
 
-def _baseline_label(document: Mapping[str, Any]) -> str:
+def _compared(document: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
+    """Return curve, colour, dash and label of the poles to compare with; nothing without any."""
     base = document["baseline"]
-    return (
-        f"$\\zeta={base['zeta']:g}$, $\\omega_n={base['omega_n']:g}$, "
-        f"ratio {base['worst_case']['ratio']:.3g}"
-    )
+    if base is None:
+        return []
+    poles = f"$\\zeta={base['zeta']:g}$, $\\omega_n={base['omega_n']:g}$"
+    return [("baseline", BLUE, "--", f"{poles}, ratio {base['worst_case']['ratio']:.3g}")]
 
 
 DRAWINGS = {
