@@ -632,7 +632,7 @@ def test_another_offset_is_another_direction_of_the_family(reading: Equilibrium)
             beta = own.beta / ratio
             if reading == "measured":  # the plants that hold the ball at Y with the same U
                 beta *= ((Y + offset) / (Y + y0)) ** 2
-                U = math.sqrt(9.81 / beta) * (Y + offset)
+                U = math.sqrt(rig.plant.gravity / beta) * (Y + offset)
                 assert pytest.approx(own.U * math.sqrt(ratio), rel=1e-12) == U
             true = own.beta / beta
             assert whole.ratio_at(ratio, offset - y0) == pytest.approx(true, rel=1e-12)
