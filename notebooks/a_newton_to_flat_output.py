@@ -363,7 +363,7 @@ assert shifted.C_Y < rest.C_Y
 # %%
 data = rig.model_dump(exclude_none=True)
 data["operating_point"]["voltage"] = 2.2
-measured = believed_equilibrium(make_rig(data), "measured", beta, beta)
+measured = believed_equilibrium(make_rig(data), "measured")
 print(f"beta = {measured.beta:.6f} instead of {beta:.6f} m^3/(s^2 V^2)")
 print(f"C_U too large by {100 * (rest.C_U / measured.C_U - 1):.2f} %, C_Y by 0 %")
 assert math.isclose(measured.beta, g * Y**2 / 2.2**2)

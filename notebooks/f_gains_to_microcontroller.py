@@ -282,12 +282,13 @@ for name in ("clamp -5 to 5 V", "without"):
 # every gap of the path and every ratio within 15 %:
 
 # %%
-family = loops.family(rig, 0.15)
+family = loops.family(rig)
+believed = designs["tustin"].believed
 samples = range(6)
 radius = {
     method: [
         loops.spectral_radius(
-            loops.build_loop(rig, equilibrium="model", method=method, extra_samples=n),
+            loops.build_loop(rig, believed, method=method, extra_samples=n),
             poles.values,
             family,
         ).value
@@ -304,7 +305,7 @@ axes.set(
 )
 axes.legend()
 plt.show()
-ready = loops.build_loop(rig, equilibrium="model", method="tustin")
+ready = loops.build_loop(rig, believed, method="tustin")
 margins = sampled_margins(ready, poles.values, family)
 print(f"tustin: margin of {1e3 * margins.delay_s.value:.2f} ms at {1e3 * margins.delay_s.gap:g} mm")
 
@@ -324,7 +325,7 @@ assert max(stable) * T < margins.delay_s.value < (max(stable) + 1) * T
 at_y = Family((Y, Y), (1.0, 1.0))
 predicted = {
     method: loops.noise_voltage(
-        loops.build_loop(rig, equilibrium="model", method=method), poles.values, at_y, 1e-6
+        loops.build_loop(rig, believed, method=method), poles.values, at_y, 1e-6
     ).value
     for method in METHODS
 }

@@ -42,6 +42,7 @@ from maglev_design.certify.lyapunov.lmi import certify_family
 from maglev_design.certify.margins import sampled_margins
 from maglev_design.design import (
     check_path_voltage,
+    PoleSpec,
     make_design,
     plant_beta,
     true_equilibrium,
@@ -165,7 +166,7 @@ assert math.isclose(wrong.C_Y / rest.C_Y, 1.4)
 problem = build_problem(rig)
 (zeta_low, zeta_high), (slow, fast) = problem.bounds
 print(f"searched: zeta {zeta_low:g} to {zeta_high:g}, omega_n {slow:.0f} to {fast:.0f} rad/s")
-result = solve(problem)
+result = solve(problem, baseline=PoleSpec.double(1.0, 70.0))
 zeta, omega_n = result.poles.first
 print(result.status.value)
 print(f"zeta = {zeta:.4f}, omega_n = {omega_n:.2f} rad/s")

@@ -14,6 +14,7 @@ from recorded import recorded
 from rigs import SHORT, rig_with
 
 from maglev_design.errors import InputError
+from maglev_design.design import PoleSpec
 from maglev_design.record import DesignRecord
 from maglev_design.report.plots import design as plots
 from maglev_design.report.plots.response import response_figure
@@ -27,7 +28,7 @@ DRAWINGS = ("tracking", "error", "voltage", "landscape")
 @pytest.fixture(scope="module")
 def record() -> DesignRecord:
     problem = build_problem(rig_with(SHORT, {"uncertainty.beta": 0.1, "sampling.period": 0.002}))
-    result = solve(problem)
+    result = solve(problem, baseline=PoleSpec.double(1, 70))
     assert isinstance(result, TuneResult)
     return recorded(result)
 
@@ -133,6 +134,16 @@ def test_the_tuned_poles_are_marked_in_the_landscape(record: DesignRecord) -> No
     }
     assert (omega_n, zeta) in marks
     assert (70.0, 1.0) in marks
+
+
+def test_without_poles_to_compare_with_the_figures_show_the_design_alone(
+    record: DesignRecord,
+) -> None:
+    document = {**record.document, "baseline": None}
+    for name in DRAWINGS:
+        lines = [len(axes.get_lines()) for axes in draw(name, record, document).axes]
+        before = [len(axes.get_lines()) for axes in draw(name, record).axes]
+        assert sum(lines) < sum(before), name
 
 
 def test_a_lone_response_is_drawn_with_units(record: DesignRecord, tmp_path: Path) -> None:

@@ -96,7 +96,7 @@ def test_the_command_names_every_choice_that_is_no_default() -> None:
         objective="ise",
         equilibrium="measured",
         method="euler",
-        beta_error=0.25,
+        beta_error_given=0.25,
         scenarios="robust",
         seed=3,
         poles=[[1.0, 70.0], [0.9, 80.0]],
