@@ -41,8 +41,8 @@ from maglev_design.certify.intervals.interval import exact_loop, ratios_over
 from maglev_design.certify.lyapunov.lmi import certify_family
 from maglev_design.certify.margins import sampled_margins
 from maglev_design.design import (
-    check_path_voltage,
     PoleSpec,
+    check_path_voltage,
     make_design,
     plant_beta,
     true_equilibrium,

@@ -13,8 +13,8 @@ from matplotlib.text import Text
 from recorded import recorded
 from rigs import SHORT, rig_with
 
-from maglev_design.errors import InputError
 from maglev_design.design import PoleSpec
+from maglev_design.errors import InputError
 from maglev_design.record import DesignRecord
 from maglev_design.report.plots import design as plots
 from maglev_design.report.plots.response import response_figure
