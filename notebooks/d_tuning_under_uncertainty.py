@@ -268,7 +268,8 @@ for error in (0.075, 0.02, 0.01, 0.005):
     low, high = known.family.ratios
     print(
         f"U to {100 * error:g} %: ratio {low:.4f} to {high:.4f}, "
-        f"worst ITAE {best[error]:.3e} m s², {result.figures.worst.itae / best[error]:.1f} times smaller"
+        f"worst ITAE {best[error]:.3e} m s², "
+        f"{result.figures.worst.itae / best[error]:.1f} times smaller"
     )
 
 # %%
