@@ -112,7 +112,13 @@ def derive(
 
 @app.command()
 def simulate(
-    rig: RigOption = DEFAULT_PRESET,
+    rig: Annotated[
+        str | None,
+        typer.Option(
+            "--rig",
+            help=f"A rig file (FILE.toml) or the name of a preset; default: {DEFAULT_PRESET}.",
+        ),
+    ] = None,
     design: Annotated[
         Path | None, typer.Option(help="A saved design.json; its rig and controller are used.")
     ] = None,
@@ -120,7 +126,9 @@ def simulate(
         Literal["nominal", "noise", "mismatch"],
         typer.Option(help="nominal; noise; or noise with beta_c = 1.15 beta."),
     ] = "nominal",
-    controller: Annotated[ControllerName, typer.Option(help="Which law.")] = "tan-gpi",
+    controller: Annotated[
+        ControllerName | None, typer.Option(help="Which law; default: tan-gpi.")
+    ] = None,
     feedforward: Annotated[
         Feedforward | None, typer.Option(help="lin-pid: the voltage that holds the ball at y*.")
     ] = None,
