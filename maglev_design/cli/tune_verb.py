@@ -74,7 +74,7 @@ def tune(request: Request, output: Path | None, *, force: bool, as_json: bool) -
         margins = sampled_margins(problem.loop, result.poles.values, problem.family)
         progress("certificate", 0.3)
         (certificate,) = certify_family(
-            result.design, rig, beta_error=problem.beta_error, loops=("sampled",)
+            result.design, rig, beta_error=problem.given_beta_error, loops=("sampled",)
         )
         trade = _trade_off(result, progress) if request.pareto else None
         record = make_record(result, margins, certificate, trade)
