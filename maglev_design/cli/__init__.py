@@ -406,7 +406,10 @@ def certify(
     ] = None,
     check: Annotated[
         Path | None,
-        typer.Option("--check", help="Only verify a written certificate.json, without a solver."),
+        typer.Option(
+            "--check",
+            help="Only verify a written certificate.json, without a solver; with a design: its.",
+        ),
     ] = None,
     output: Annotated[
         Path | None,
@@ -418,25 +421,21 @@ def certify(
     """Prove for which beta, gaps, periods, delays and errors a controller is stable."""
     from maglev_design.cli import certify_verb  # noqa: PLC0415
 
-    if check is not None:
-        certify_verb.check(check, as_json=json)
-        return
-    certify_verb.certify(
-        certify_verb.Request(
-            design=design,
-            rig=rig,
-            controller=controller,
-            zeta=zeta,
-            omega_n=omega_n,
-            equilibrium=equilibrium,
-            method=method,
-            gap_range=gap_range,
-            beta_error=beta_error,
-        ),
-        output,
-        force=force,
-        as_json=json,
+    request = certify_verb.Request(
+        design=design,
+        rig=rig,
+        controller=controller,
+        zeta=zeta,
+        omega_n=omega_n,
+        equilibrium=equilibrium,
+        method=method,
+        gap_range=gap_range,
+        beta_error=beta_error,
     )
+    if check is not None:
+        certify_verb.check(check, request, as_json=json)
+        return
+    certify_verb.certify(request, output, force=force, as_json=json)
 
 
 @app.command()
