@@ -13,7 +13,7 @@ import pytest
 from recorded import recorded
 from rigs import SHORT, rig_with
 
-from maglev_design.design import PoleSpec, plant_beta
+from maglev_design.design import PoleSpec
 from maglev_design.record import DesignRecord
 from maglev_design.simulate import nominal_scenario, resimulate
 from maglev_design.tune import Status, TuneResult, build_problem
@@ -38,17 +38,16 @@ def judged(poles: PoleSpec, changes: dict[str, Any] | None = None) -> DesignReco
     rig = rig_with(SHORT, {"name": HOSTILE, "uncertainty.beta": 0.1, **(changes or {})})
     problem = build_problem(rig)
     figures = judge(problem, poles)
-    check = resimulate(rig, design_at(problem, poles, 1.0), nominal_scenario(rig, plant_beta(rig)))
-    verification = Verification(figures.nominal.itae, check.itae)
+    design = design_at(problem, poles)
+    check = resimulate(rig, design, nominal_scenario(rig, design.believed.beta))
     result = TuneResult(
         status=Status.OPTIMAL,
         problem=problem,
         poles=poles,
-        design=design_at(problem, poles, 1.0),
+        design=design,
         figures=figures,
-        baseline=figures,
-        verification=verification,
-        baseline_verification=verification,
+        verification=Verification(figures.nominal.itae, check.itae),
+        baseline=None,
         alternatives=(),
         landscape=None,
         evaluations=0,
