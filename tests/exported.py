@@ -13,6 +13,7 @@ import pytest
 from recorded import recorded
 from rigs import SHORT, rig_with
 
+from maglev_design.choices import Equilibrium
 from maglev_design.design import PoleSpec
 from maglev_design.record import DesignRecord
 from maglev_design.simulate import nominal_scenario, resimulate
@@ -33,10 +34,12 @@ WARNINGS = [
 EXACT = ["-O2", "-ffp-contract=off"]
 
 
-def judged(poles: PoleSpec, changes: dict[str, Any] | None = None) -> DesignRecord:
+def judged(
+    poles: PoleSpec, changes: dict[str, Any] | None = None, equilibrium: Equilibrium = "model"
+) -> DesignRecord:
     """Return the record that a tuning with this answer writes, without the search for it."""
     rig = rig_with(SHORT, {"name": HOSTILE, "uncertainty.beta": 0.1, **(changes or {})})
-    problem = build_problem(rig)
+    problem = build_problem(rig, equilibrium=equilibrium)
     figures = judge(problem, poles)
     design = design_at(problem, poles)
     check = resimulate(rig, design, nominal_scenario(rig, design.believed.beta))
