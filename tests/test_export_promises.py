@@ -239,6 +239,13 @@ def test_the_linear_loop_is_that_of_the_tuning_at_every_delay() -> None:
 
 @pytest.mark.parametrize("reading", ["measured", "appendix-a"])
 def test_every_reading_keeps_its_promises(tmp_path: Path, reading: Any) -> None:
-    changes = {"operating_point.voltage": 2.1, "uncertainty.gap_offset": [-0.0005, 0.001]}
+    changes = {
+        "plant.gap_offset": 0.001,
+        "operating_point.voltage": 2.15,
+        "uncertainty.gap_offset": [0.0005, 0.002],
+    }
     record = judged(PoleSpec.double(1.1, 75.0), changes, equilibrium=reading)
     assert failed(verdict_of(record, tmp_path / "out")) - {"promised certificate"} == set()
+    forged = changed(record.document, "family.gap_offsets", [0.0005, 0.003])
+    found = failed(verdict_of(with_document(record, **forged), tmp_path / "forged"))
+    assert {"promised worst ITAE of the family", "promised Ms"} <= found

@@ -270,7 +270,7 @@ def peak_sensitivity(subject: Subject, more_samples: int) -> Check:
     late = more_samples * subject.document["difference_equation"]["period"]
     gaps, ratios = subject.document["family"]["gaps"], subject.ratios
     grid = itertools.product(
-        np.unique(np.linspace(*gaps, GAPS)),
+        np.unique(np.linspace(gaps[0], gaps[1], GAPS)),
         np.unique(np.linspace(*ratios, COARSE_RATIOS)),
         subject.gap_offsets,
     )
