@@ -28,7 +28,7 @@ def as_json(result: TuneResult) -> dict[str, Any]:
         "beta_error": problem.beta_error,
         "beta_error_given": problem.given_beta_error,
         "family": family_as_data(problem),
-        "scenarios": "robust" if len(problem.cases) > 1 else "nominal",
+        "scenarios": "robust" if any(case.flipped for case in problem.cases) else "nominal",
         "seed": problem.seed,
         "bounds": {"zeta": list(problem.bounds[0]), "omega_n": list(problem.bounds[1])},
         "zeta": result.poles.first[0],
