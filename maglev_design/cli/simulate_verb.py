@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from maglev_design.choices import Controller, ControllerName, Equilibrium, Method
+from maglev_design.choices import ControllerName, Equilibrium, Method
+from maglev_design.cli.law import chosen_law
 from maglev_design.cli.output import number, print_json, say, table, warn
 from maglev_design.design import (
     PAPER_POLES,
@@ -200,7 +201,7 @@ def _set_up(request: Request) -> tuple[Rig, Design, Scenario, float, bool]:
     design = make_design(
         rig,
         poles,
-        controller=_controller(request),
+        controller=chosen_law(request.controller, request.options),
         equilibrium=request.equilibrium or (record.design.equilibrium if record else "model"),
         method=request.method or (record.design.method if record else rig.sampling.method),
         beta_c=beta_c,
@@ -214,21 +215,6 @@ def _set_up(request: Request) -> tuple[Rig, Design, Scenario, float, bool]:
         seed=request.seed,
     )
     return rig, design, _started(rig, scenario, request), ratio, continuous
-
-
-def _controller(request: Request) -> Controller:
-    """Return the law with its options; those of the PID are refused for the others."""
-    given = {name: value for name, value in request.options.items() if value is not None}
-    if given and request.controller != "lin-pid":
-        names = ", ".join(f"--{name}" for name in given)
-        raise InputError(
-            f"{names}: only for --controller lin-pid, not for {request.controller}, which leaves "
-            "nothing open"
-        )
-    ratio = given.get("filter", 1.0)
-    if not (math.isfinite(ratio) and ratio > 0):
-        raise InputError(f"filter = {ratio!r}: must be a finite number greater than 0 [-]")
-    return Controller(request.controller, **given)
 
 
 def _emulated(rig: Rig, request: Request, continuous: bool) -> Rig:
