@@ -12,6 +12,6 @@ def recorded(result: TuneResult, trade_off: TradeOff | None = None) -> DesignRec
     problem = result.problem
     margins = sampled_margins(problem.loop, result.poles.values, problem.family)
     (certificate,) = certify_family(
-        result.design, problem.rig, beta_error=problem.beta_error, loops=("sampled",)
+        result.design, problem.rig, beta_error=problem.given_beta_error, loops=("sampled",)
     )
     return make_record(result, margins, certificate, trade_off)

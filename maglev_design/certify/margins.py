@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design import design as designs
-from maglev_design.certify.intervals.sampled import Setting, setting
-from maglev_design.choices import TAN_GPI, Controller, Equilibrium
-from maglev_design.design import PoleSpec
+from maglev_design.certify.intervals.sampled import setting
+from maglev_design.choices import Controller
+from maglev_design.design import Design
 from maglev_design.loop import Family, Loop
 from maglev_design.lowering import Program, lower
 from maglev_design.parameters import Rig
@@ -120,18 +120,17 @@ def sampled_open_loop(loop: Loop, poles: Sequence[float]) -> OpenLoop:
     return at
 
 
-def continuous_open_loop(
-    rig: Rig, poles: PoleSpec, equilibrium: Equilibrium, controller: Controller = TAN_GPI
-) -> OpenLoop:
+def continuous_open_loop(rig: Rig, design: Design) -> OpenLoop:
     """Return the open loop of the continuous controller, rho (gain + C_Y^ gain_c_y)/fixed in s."""
-    own = setting(rig, poles, equilibrium, rig.sampling.method, controller)
-    program = _pencil_program(controller)
+    own, program = setting(rig, design), _pencil_program(design.controller)
 
     def at(gap: float, ratio: float) -> tuple[Array, Array]:
-        true, rho, seen = _numbers(own, gap, ratio)
+        true = float(own.weight) / (gap + float(own.offset))
+        shape = float(own.shape[0]) + float(own.shape[1]) * true
+        rho = shape / (ratio / float(own.scale)) ** (1 / own.power)
         values = np.array(program.scalar()(true, *map(float, own.gains)))
         fixed, gain, gain_c_y = np.split(values, 3)
-        return rho * (gain + seen * gain_c_y), fixed
+        return rho * (gain + float(own.C_Y_hat) * gain_c_y), fixed
 
     return at
 
@@ -143,14 +142,6 @@ def _pencil_program(controller: Controller) -> Program:
     parts = (("f", pencil.fixed), ("g", pencil.gain), ("h", pencil.gain_c_y))
     named = {f"{name}{n}": x for name, part in parts for n, x in enumerate(part)}
     return lower((p.C_Y_true, *law.gains), named)
-
-
-def _numbers(own: Setting, gap: float, ratio: float) -> tuple[float, float, float]:
-    """Return C_Y', rho and C_Y^ at a gap [m] and a ratio."""
-    true = float(own.weight) / (gap + float(own.offset))
-    quotient = (ratio / float(own.scale)) ** (1 / own.power) if own.power else 1.0
-    (a, b), (c, d) = own.shape, own.C_Y_hat
-    return true, float(a + b * true) / quotient, float(c) + float(d) * quotient
 
 
 def point_margins(

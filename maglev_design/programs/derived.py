@@ -41,6 +41,14 @@ def equation(method: Method, controller: Controller) -> running.DifferenceEquati
 
 
 @cache
+def core(
+    method: Method, controller: Controller
+) -> tuple[laws.StateSpace, Mapping[sp.Symbol, sp.Expr]]:
+    """Return a law's sampled core in the coefficients of its step, and what these are."""
+    return running.named_core(law(controller), method)
+
+
+@cache
 def gain_expressions(controller: Controller) -> Mapping[sp.Symbol, sp.Expr]:
     """Return a law's gains, in its order, in (zeta_1, omega_1, zeta_2, omega_2)."""
     first, second = POLES[:2], POLES[2:]

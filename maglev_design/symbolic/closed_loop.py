@@ -1,7 +1,7 @@
 """State matrices of the linear closed loop, continuous and sampled, over gap and ratio.
 
-The plant is linearised where the ball is, at the gap y; the controller believes its coefficients
-at Y. Gap and ratio enter through two numbers,
+The plant is linearised where the ball is, at the gap y; the controller is one, its numbers fixed.
+Gap and ratio enter through two numbers,
 
     q = (Y + y0)/(y + y0),  m = C_U'(Y)/C_U^,
 
@@ -22,11 +22,11 @@ from types import MappingProxyType
 import sympy as sp
 from sympy import Expr, Matrix, Symbol
 
-from maglev_design.choices import Equilibrium, Method
+from maglev_design.choices import Method
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.laws import ControlLaw, StateSpace, tan_gpi
-from maglev_design.symbolic.linearisation import believed_coefficients, linearise
-from maglev_design.symbolic.running import discretise
+from maglev_design.symbolic.linearisation import linearise
+from maglev_design.symbolic.running import named_core
 from maglev_design.symbolic.stability import believed, first_part
 
 ratio = Symbol("ratio", positive=True)
@@ -37,9 +37,6 @@ m_gain = Symbol("m_gain", positive=True)
 """C_U'(Y)/C_U^ [-]: rho at the gap of the design."""
 C_Y_rest = Symbol("C_Y_rest", positive=True)
 """C_Y'(Y), the true coefficient at the gap of the design [1/s^2]."""
-lag = Symbol("lag", positive=True)
-"""exp(-k3 T) [-], the multiplier of the controller's lag under ``zoh``."""
-
 rise, travel, turn = sp.symbols("rise travel turn", positive=True)
 fresh_gap, fresh_speed = sp.symbols("fresh_gap fresh_speed", positive=True)
 stale_gap, stale_speed = sp.symbols("stale_gap stale_speed", nonnegative=True)
@@ -47,55 +44,37 @@ stale_gap, stale_speed = sp.symbols("stale_gap stale_speed", nonnegative=True)
 
 @dataclass(frozen=True)
 class AtDesignGap:
-    """What is known of the loop at the gap of the design, in the rig's numbers and the ratio.
+    """What is known of the loop at the gap of the design.
 
     Attributes
     ----------
     gain_squared : Expr
-        m^2, rational where m itself is not.
-    C_Y_hat : Expr
-        C_Y that the controller believes [1/s^2].
+        m^2, rational where m itself is not; in g, beta_c, Y, y0, C_U^ and the ratio.
     C_Y : Expr
         C_Y'(Y) [1/s^2].
-    beta : Expr
-        The controller's beta, K C^2/m.
     fall : Expr
         q in Y, y0 and the gap y.
     """
 
     gain_squared: Expr
-    C_Y_hat: Expr
     C_Y: Expr
-    beta: Expr
     fall: Expr
 
 
-def at_design_gap(reading: Equilibrium, *, voltage_given: bool) -> AtDesignGap:
-    """Return m^2 and the coefficients at Y for one reading of the equilibrium.
-
-    Parameters
-    ----------
-    reading : {"model", "appendix-a", "measured"}
-    voltage_given : bool
-        Whether the true equilibrium voltage U is a number of the rig; else it is that of the
-        plant, sqrt(g/beta) (Y + y0), and moves with the ratio.
+def at_design_gap() -> AtDesignGap:
+    """Return m^2, C_Y'(Y) and q.
 
     Examples
     --------
-    >>> at_design_gap("model", voltage_given=False).gain_squared
-    1/ratio
+    >>> at_design_gap().gain_squared
+    4*beta_c*g/(C_U_hat**2*ratio*(Y + y0)**2)
     """
     plant = p.magnetic_levitation()
     local = linearise(plant)
-    true_voltage = plant.equilibrium_voltage.subs(p.beta, p.beta_c / ratio)
-    c_u = local.C_U_rest.subs(p.U, true_voltage)
-    _, c_u_hat, c_y_hat = believed_coefficients(plant, local, reading)
-    seen = {} if voltage_given else {p.U: true_voltage}
+    c_u = local.C_U_rest.subs(p.U, plant.equilibrium_voltage.subs(p.beta, p.beta_c / ratio))
     return AtDesignGap(
-        gain_squared=sp.factor(sp.powsimp((c_u / c_u_hat.subs(seen)) ** 2)),
-        C_Y_hat=sp.factor(c_y_hat.subs(seen)),
+        gain_squared=sp.factor(sp.powsimp((c_u / p.C_U_hat) ** 2)),
         C_Y=local.C_Y_rest,
-        beta=plant.beta,
         fall=sp.factor(local.C_Y_rest.subs(p.Y, p.y) / local.C_Y_rest),
     )
 
@@ -106,7 +85,7 @@ def continuous_matrix(law: ControlLaw | None = None) -> Matrix:
         e'' = C_Y' e - C_U' w,  w = C x + D r,  x' = A_c x + B_c r,
 
     r what the law reads of (e, e'). In rho, C_Y', C_Y^ and the gains; affine in rho, in C_Y' and
-    in rho C_Y^, the last two being proportional to q at a fixed ratio.
+    in rho C_Y^, all three being proportional to q at a fixed ratio.
     """
     law = law or tan_gpi()
     core, read = _believed_core(law.core), _reads(law)
@@ -121,15 +100,16 @@ def sampled_matrix(
 ) -> Matrix:
     """Return A of the sampled loop from one sample to the next.
 
-    States (e, e', controller states, b_{k-1}, ..., b_{k-held}), with b_k = m C_U^ w_k [m/s^2] the
+    States (e, e', controller states, b_{k-1}, ..., b_{k-held}), with b_k = m C_U^ u_k [m/s^2] the
     acceleration that the voltage of sample k would give at the gap of the design. Over one period,
     with the delay n T + T_1 and the hold exact,
 
         (e, e')_{k+1} = Phi (e, e')_k - Gamma_0 b_{k-n} - Gamma_1 b_{k-n-1};
 
-    Phi and the Gammas are the functions :data:`HOLD` of q, for which symbols stand here. In these
-    symbols, m, C_Y^, the gains, T and, under ``zoh``, `lag`: affine in `lag` and the symbols of
-    :data:`HOLD`, and affine in m when m C_Y^ is.
+    Phi and the Gammas are the functions :data:`HOLD` of q, for which symbols stand here. The
+    controller is its difference equation: in these symbols, m, C_U^ and the coefficients of
+    :func:`maglev_design.symbolic.running.named_core`; affine in the symbols of :data:`HOLD`, and
+    in m.
 
     Parameters
     ----------
@@ -139,10 +119,10 @@ def sampled_matrix(
         Whether T_1 > 0.
     """
     law = law or tan_gpi()
-    core, read = _believed_core(discretise(law.core, method)), _reads(law)
+    (core, _), read = named_core(law, method), _reads(law)
     order, held = 2 + len(law.states), whole + partial
     width = order + held
-    effort = m_gain * believed(law.loop_gain) * Matrix.hstack(core.D * read, core.C)
+    effort = m_gain * p.C_U_hat * Matrix.hstack(core.D * read, core.C)
     efforts = [Matrix.hstack(effort, sp.zeros(1, held))]
     efforts += [sp.eye(width)[order + n, :] for n in range(held)]
 
@@ -152,8 +132,7 @@ def sampled_matrix(
     if partial:
         plant -= Matrix([stale_gap, stale_speed]) * efforts[whole + 1]
     controller = Matrix.hstack(core.B * read, core.A, sp.zeros(order - 2, held))
-    matrix = Matrix.vstack(plant, controller, *efforts[:held])
-    return _simple(matrix.subs(sp.exp(-p.k3 * p.T), lag).subs(sp.exp(p.k3 * p.T), 1 / lag))
+    return _simple(Matrix.vstack(plant, controller, *efforts[:held]))
 
 
 def _hold() -> Mapping[Symbol, Expr]:

@@ -4,10 +4,12 @@ The controller stays, the plant's beta is beta_c/r. Every polynomial of the loop
 
     chi = fixed + rho (gain + C_Y^ gain_c_y),
 
-and r enters through rho and C_Y^ alone. With v = 1/rho(Y), what the controller takes the loop's
-gain to be at Y over what it is, r = scale v^power with a rational scale, C_Y^ is affine in v, and
-rho(y) = shape(y)/v: v chi is affine in v with rational coefficients, also where r itself enters by
-its square root.
+and r enters through rho alone. With v = 1/rho(Y), what the controller takes the loop's gain to be
+at Y over what it is, r = scale v^power and rho(y) = shape(y)/v: v chi is affine in v with rational
+coefficients, also where r itself enters by its square root.
+
+Appendix A of the paper asks something else: there the controller is computed anew on each plant,
+whose voltage at rest it measures. C_U^ and C_Y^ then move with the plant; C_Y^ is affine in v.
 """
 
 from __future__ import annotations
@@ -130,18 +132,18 @@ def _pencil(coefficients: Sequence[Expr]) -> Pencil:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """How beta_c/beta enters a loop under one reading of the equilibrium.
+    """How beta_c/beta enters a loop.
 
     Attributes
     ----------
     shape : Expr
         rho(y) v, in y, Y and y0; 1 at Y.
     scale : Expr
-        In r = scale v^power, in beta_c, g, Y, y0 and U; 1 where U is not measured.
+        In r = scale v^power; of a controller that stays in beta_c, g, Y, y0 and C_U^, else 1.
     power : int
         1 or 2; 0 where the ratio does not enter, and then v = 1.
     C_Y_hat : Expr
-        Affine in v.
+        Affine in v; the symbol C_Y^ itself of a controller that stays.
     """
 
     shape: Expr
@@ -150,23 +152,22 @@ class Uncertainty:
     C_Y_hat: Expr
 
 
-def uncertainty(law: ControlLaw, reading: Equilibrium, *, measured: bool) -> Uncertainty:
+def uncertainty(law: ControlLaw, recomputed: Equilibrium | None = None) -> Uncertainty:
     """Return how beta_c/beta enters the loop of a law.
 
     Parameters
     ----------
-    reading : {"model", "appendix-a", "measured"}
-    measured : bool
-        Whether the rig's file gives U; else "the true equilibrium voltage" is that of the plant,
-        which moves with its beta.
+    recomputed : {"model", "appendix-a", "measured"}, optional
+        The reading by which the controller is computed anew on each plant, the voltage at rest
+        being that plant's own; by default the controller stays: C_U^, C_Y^ and its beta, beta_c.
     """
     plant = p.magnetic_levitation()
     lin = linearise(plant)
-    own = {p.beta: p.beta_c / ratio}
-    held = plant.equilibrium_voltage.subs(own)
-    known = {} if measured else {p.U: held}
-    _, c_u_hat, c_y_hat = (x.subs(known) for x in believed_coefficients(plant, lin, reading))
-    beta_hat = believed_beta(plant, reading).subs(known)
+    held = plant.equilibrium_voltage.subs({p.beta: p.beta_c / ratio})
+    c_u_hat, c_y_hat, beta_hat = p.C_U_hat, p.C_Y_hat, p.beta_c
+    if recomputed is not None:
+        anew = (*believed_coefficients(plant, lin, recomputed), believed_beta(plant, recomputed))
+        _, c_u_hat, c_y_hat, beta_hat = (x.subs(p.U, held) for x in anew)
     voltage = held.subs(p.Y, GAP)
     c_u = lin.C_U_rest.subs(p.U, held).subs(p.Y, GAP)
     slope = law.slope.subs({p.u: voltage, p.y_ref: GAP, p.beta_c: beta_hat})
@@ -202,13 +203,14 @@ def stability_conditions(law: ControlLaw) -> tuple[Expr, ...]:
     return tuple(found)
 
 
-def largest_ratio(reading: Equilibrium, *, measured: bool, law: ControlLaw) -> Expr | None:
+def largest_ratio(law: ControlLaw, recomputed: Equilibrium | None = None) -> Expr | None:
     """Return in closed form the beta_c/beta below which the TAN-GPI loop with (25) is stable.
 
     From rho (omega_n^2 + C_Y^) > C_Y' + omega_n^2/(4 zeta^2 + 1) with rho = shape/v: the difference
-    times v falls along a line in v. None where no ratio enters.
+    times v falls along a line in v. None where no ratio enters. `recomputed` as in
+    :func:`uncertainty`.
     """
-    enters = uncertainty(law, reading, measured=measured)
+    enters = uncertainty(law, recomputed)
     if enters.power == 0:
         return None
     true = linearise(p.magnetic_levitation()).C_Y_rest.subs(p.Y, GAP)
@@ -219,5 +221,5 @@ def largest_ratio(reading: Equilibrium, *, measured: bool, law: ControlLaw) -> E
     line = sp.Poly(above, quotient)
     slope, level = (sp.factor(line.coeff_monomial(quotient**n) / below) for n in (1, 0))
     if not slope.is_negative:
-        raise ArithmeticError(f"the margin under {reading} does not fall with the ratio")
+        raise ArithmeticError(f"the margin ({recomputed}) does not fall with the ratio")
     return sp.factor(enters.scale * (-level / slope) ** enters.power)

@@ -81,11 +81,11 @@ def clamp(voltage: Expr) -> Expr:
     return sp.Min(sp.Max(voltage, u_min), u_max)
 
 
-def difference_equation(law: ControlLaw, method: Method) -> DifferenceEquation:
-    """Return the step of `law` under `method`: read the sample; clamp; update the states.
+def named_core(law: ControlLaw, method: Method) -> tuple[StateSpace, dict[Symbol, Expr]]:
+    """Return the sampled core of `law` in the step's coefficients, and what these are.
 
-    The structure does not depend on the gains; the numbers do, through ``coefficients``. An entry
-    that is 0 or 1 whatever the gains stays a number.
+    The structure does not depend on the gains; the numbers do. An entry that is 0 or 1 whatever the
+    gains stays a number.
     """
     sampled = discretise(law.core, method)
     coefficients: dict[Symbol, Expr] = {}
@@ -102,18 +102,26 @@ def difference_equation(law: ControlLaw, method: Method) -> DifferenceEquation:
     b = Matrix(order, width, lambda r, n: name(f"b{r + 1}{_suffix(n)}", sampled.B[r, n]))
     c = Matrix(1, order, lambda _, col: name(f"c{col + 1}", sampled.C[col]))
     d = Matrix(1, width, lambda _, n: name(f"d{_suffix(n)}", sampled.D[n]))
+    return StateSpace(a, b, c, d), coefficients
+
+
+def difference_equation(law: ControlLaw, method: Method) -> DifferenceEquation:
+    """Return the step of `law` under `method`: read the sample; clamp; update the states."""
+    core, coefficients = named_core(law, method)
     coefficients |= {x: sp.factor(value) for x, value in law.constants.items()}
 
     states, read = Matrix(law.states), Matrix(law.inputs)
     # in this order of terms, because the exported code adds in it, too
-    command = law.command.subs(w, (c * states)[0] + (d * read)[0])
-    moved = a * states + b * read
-    bounds = _integrator_bounds(law, sampled.C)
+    command = law.command.subs(w, (core.C * states)[0] + (core.D * read)[0])
+    moved = core.A * states + core.B * read
+    bounds = _integrator_bounds(law, core.C.subs(coefficients))
+    limits = {n: Symbol(f"x{n + 1}_max", real=True) for n in law.integrators}
+    coefficients |= {limit: bounds[n] for n, limit in limits.items()}
     following = [
-        _guarded_integrator(law.states[n], moved[n], c[n], name(f"x{n + 1}_max", bounds[n]))
+        _guarded_integrator(law.states[n], moved[n], core.C[n], limits[n])
         if n in law.integrators
         else moved[n]
-        for n in range(order)
+        for n in range(len(law.states))
     ]
     return DifferenceEquation(
         law,

@@ -11,6 +11,8 @@ from itertools import pairwise
 import sympy as sp
 from sympy import Poly, Symbol
 
+from maglev_design.certify.numbers import fraction, rational
+
 NARROW = Fraction(1, 10**30)
 """Width to which isolating intervals are refined, in the unit of the root."""
 
@@ -60,17 +62,6 @@ def _inside(number: sp.Expr, low: Fraction, high: Fraction) -> bool:
 def _decimal(number: Fraction) -> str:
     """Return a decimal near an end of an isolating interval; the interval stays isolating."""
     return str(sp.Float(rational(number), 28))
-
-
-def rational(number: Fraction | int) -> sp.Rational:
-    """Return a Fraction as SymPy writes it."""
-    exact = Fraction(number)
-    return sp.Rational(exact.numerator, exact.denominator)
-
-
-def fraction(number: sp.Rational) -> Fraction:
-    """Return a rational of SymPy's as a Fraction."""
-    return Fraction(int(number.p), int(number.q))
 
 
 def positive_roots(polynomials: Iterable[Poly]) -> tuple[Root, ...]:

@@ -22,15 +22,15 @@ from sympy import Expr, Poly
 
 from maglev_design import design as designs
 from maglev_design.certify.intervals import algebraic
-from maglev_design.certify.intervals.algebraic import Root, fraction, rational
+from maglev_design.certify.intervals.algebraic import Root
 from maglev_design.certify.intervals.arithmetic import Arithmetic
 from maglev_design.certify.intervals.routh import is_hurwitz
 from maglev_design.certify.intervals.spans import End, Span, StableSet, unite
+from maglev_design.certify.numbers import as_designed, fraction, rational
 from maglev_design.certify.rationals import decimal
-from maglev_design.choices import TAN_GPI, Controller, Equilibrium
-from maglev_design.design import PoleSpec
+from maglev_design.choices import Equilibrium
+from maglev_design.design import Design
 from maglev_design.parameters import Rig
-from maglev_design.programs import derived
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic import robustness, stability
 from maglev_design.symbolic.linearisation import linearise
@@ -50,11 +50,14 @@ class ExactLoop:
         c_n, ..., c_0 in (v, y).
     scale, power
         Of beta_c/beta = scale v^power; power 0 where the ratio does not enter, and v = 1.
+    recomputed : str or None
+        The reading by which the controller is computed anew on each plant; None: it stays.
     """
 
     coefficients: tuple[Poly, ...]
     scale: Fraction
     power: int
+    recomputed: Equilibrium | None = None
 
     @property
     def boundary(self) -> tuple[Poly, Poly]:
@@ -76,38 +79,20 @@ def _determinant(count: int) -> Expr:
     return sp.expand(stability.routh_hurwitz(sp.symbols(f"c0:{count}"))[count - 3])
 
 
-def exact_values(rig: Rig) -> dict[sp.Symbol, sp.Rational]:
-    """Return the rig's numbers as the decimals that were typed, by symbol."""
-    plant, point = rig.plant, rig.operating_point
-    typed = {p.m: plant.mass, p.g: plant.gravity, p.C: plant.current_gain}
-    typed |= {p.K: plant.force_constant, p.y0: plant.gap_offset, p.Y: point.gap}
-    typed |= {p.T: rig.sampling.period}
-    if point.voltage is not None:
-        typed[p.U] = point.voltage
-    values = {symbol: rational(decimal(value)) for symbol, value in typed.items()}
-    values[p.beta_c] = p.magnetic_levitation().beta.subs(values)
-    return values
+def exact_loop(rig: Rig, design: Design, recomputed: Equilibrium | None = None) -> ExactLoop:
+    """Return the continuous loop with every number exact, as the controller was designed.
 
-
-def exact_gains(poles: PoleSpec, controller: Controller = TAN_GPI) -> dict[sp.Symbol, sp.Rational]:
-    """Return the gains, exact for the decimals of the poles."""
-    typed = [rational(decimal(value)) for value in poles.values]
-    at = dict(zip(derived.POLES, typed, strict=True))
-    return {gain: x.subs(at) for gain, x in derived.gain_expressions(controller).items()}
-
-
-def exact_loop(
-    rig: Rig, poles: PoleSpec, equilibrium: Equilibrium, controller: Controller = TAN_GPI
-) -> ExactLoop:
-    """Return the continuous loop with every number an exact rational."""
-    law = designs.law(controller)
+    Parameters
+    ----------
+    recomputed : {"model", "appendix-a", "measured"}, optional
+        The reading by which a controller with the same gains is computed anew on each plant; by
+        default the controller stays.
+    """
+    law = designs.law(design.controller)
     pencil = robustness.continuous_pencil(law)
-    enters = robustness.uncertainty(
-        law, equilibrium, measured=rig.operating_point.voltage is not None
-    )
-    numbers = exact_values(rig)
+    enters = robustness.uncertainty(law, recomputed)
+    numbers = as_designed(rig, design)
     true = linearise(p.magnetic_levitation()).C_Y_rest.subs(p.Y, p.y)
-    numbers |= exact_gains(poles, controller)
     weight = V * (p.y + p.y0)
     coefficients = []
     for fixed, gain, gain_c_y in zip(pencil.fixed, pencil.gain, pencil.gain_c_y, strict=True):
@@ -116,25 +101,25 @@ def exact_loop(
         exact = sp.expand(sp.cancel(whole.subs(numbers)).subs(p.y, GAP))
         coefficients.append(Poly(exact, V, GAP, domain=sp.QQ))
     scale = fraction(sp.nsimplify(enters.scale.subs(numbers)))
-    return ExactLoop(tuple(coefficients), scale, enters.power)
+    return ExactLoop(tuple(coefficients), scale, enters.power, recomputed)
 
 
-def ratios_at(loop: ExactLoop, equilibrium: Equilibrium, gap: float) -> StableSet:
+def ratios_at(loop: ExactLoop, gap: float) -> StableSet:
     """Return every beta_c/beta for which the loop is stable at one gap [m]."""
     exact = decimal(gap)
     boundary = [f.eval(GAP, rational(exact)) for f in loop.boundary]
     if loop.power == 0:
         spans = _whole(loop.stable_at(NOMINAL, exact))
-        return StableSet(equilibrium, (gap, gap), spans)
+        return StableSet((gap, gap), spans, loop.recomputed)
     roots = algebraic.positive_roots([Poly(f, V) for f in boundary])
     stable = [loop.stable_at(v, exact) for v in algebraic.between(roots)]
     stable = stable if not any(f.is_zero for f in boundary) else [False] * len(stable)
     at = loop_at(loop, gap=exact)
     spans = unite(_ratio_ends(loop, roots), stable, lambda n: _passes(at, roots[n]))
-    return StableSet(equilibrium, (gap, gap), spans)
+    return StableSet((gap, gap), spans, loop.recomputed)
 
 
-def ratios_over(loop: ExactLoop, equilibrium: Equilibrium, gaps: tuple[float, float]) -> StableSet:
+def ratios_over(loop: ExactLoop, gaps: tuple[float, float]) -> StableSet:
     """Return every beta_c/beta for which the loop is stable at every gap [m] of a range."""
     low, high = (decimal(gap) for gap in gaps)
     factors = sorted(
@@ -149,7 +134,7 @@ def ratios_over(loop: ExactLoop, equilibrium: Equilibrium, gaps: tuple[float, fl
         return all(c.count_roots(rational(low), rational(high)) == 0 for c in cuts)
 
     if loop.power == 0:
-        return StableSet(equilibrium, gaps, _whole(holds(NOMINAL)))
+        return StableSet(gaps, _whole(holds(NOMINAL)), loop.recomputed)
     roots = algebraic.positive_roots([c for f in factors for c in _critical(f, low, high)])
     stable = [holds(v) for v in algebraic.between(roots)]
 
@@ -158,7 +143,7 @@ def ratios_over(loop: ExactLoop, equilibrium: Equilibrium, gaps: tuple[float, fl
         v = arithmetic.between(roots[n].low, roots[n].high)
         return all(arithmetic.keeps_sign(_in_gap(f, v, arithmetic), low, high) for f in factors)
 
-    return StableSet(equilibrium, gaps, unite(_ratio_ends(loop, roots), stable, passes))
+    return StableSet(gaps, unite(_ratio_ends(loop, roots), stable, passes), loop.recomputed)
 
 
 def _critical(factor: Poly, low: Fraction, high: Fraction) -> list[Poly]:
@@ -171,7 +156,7 @@ def _critical(factor: Poly, low: Fraction, high: Fraction) -> list[Poly]:
     return [f for f in found if not f.is_zero and f.degree() > 0]
 
 
-def gaps_at(loop: ExactLoop, equilibrium: Equilibrium) -> StableSet:
+def gaps_at(loop: ExactLoop) -> StableSet:
     """Return every gap [m] at which the loop with exact beta is stable.
 
     Where v = (1/scale)^(1/power) is irrational, the product of the boundary over both signs of the
@@ -191,7 +176,7 @@ def gaps_at(loop: ExactLoop, equilibrium: Equilibrium) -> StableSet:
     cells = cells if not any(f.is_zero for f in boundary) else [False] * len(cells)
     ends = [_end(root) for root in roots]
     spans = unite(ends, cells, lambda n: bool(stable(roots[n].low, roots[n].high)))
-    return StableSet(equilibrium, None, spans)
+    return StableSet(None, spans, loop.recomputed)
 
 
 def _norm(f: Poly, square: Fraction) -> Poly:

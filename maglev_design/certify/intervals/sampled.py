@@ -20,12 +20,11 @@ import sympy as sp
 from sympy import Symbol
 
 from maglev_design import design as designs
-from maglev_design.certify.intervals.algebraic import fraction
 from maglev_design.certify.intervals.arithmetic import Arithmetic
-from maglev_design.certify.intervals.interval import exact_gains, exact_values
 from maglev_design.certify.intervals.jets import Jet
-from maglev_design.choices import TAN_GPI, Controller, Equilibrium, Method
-from maglev_design.design import PoleSpec
+from maglev_design.certify.numbers import as_run, fraction
+from maglev_design.choices import Controller, Method
+from maglev_design.design import Design
 from maglev_design.lowering import Program, lower
 from maglev_design.parameters import Rig
 from maglev_design.symbolic import plant as p
@@ -44,8 +43,7 @@ class Setting:
     gains : tuple of Fraction
     shape : tuple of Fraction
         rho v = shape[0] + shape[1] C_Y'.
-    C_Y_hat : tuple of Fraction
-        C_Y^ = C_Y_hat[0] + C_Y_hat[1] v.
+    C_Y_hat : Fraction
     scale, power
         Of beta_c/beta = scale v^power.
     weight, offset : Fraction
@@ -56,7 +54,7 @@ class Setting:
     controller: Controller
     gains: tuple[Fraction, ...]
     shape: tuple[Fraction, Fraction]
-    C_Y_hat: tuple[Fraction, Fraction]
+    C_Y_hat: Fraction
     scale: Fraction
     power: int
     weight: Fraction
@@ -82,28 +80,20 @@ def timing(period: Fraction, delay: Fraction) -> Timing:
     return Timing(period, int(whole), delay - whole * period)
 
 
-def setting(
-    rig: Rig,
-    poles: PoleSpec,
-    equilibrium: Equilibrium,
-    method: Method,
-    controller: Controller = TAN_GPI,
-) -> Setting:
-    """Return the exact numbers of a rig's sampled loop."""
-    law, point = designs.law(controller), rig.operating_point
-    enters = robustness.uncertainty(law, equilibrium, measured=point.voltage is not None)
-    numbers = exact_values(rig)
+def setting(rig: Rig, design: Design) -> Setting:
+    """Return the exact numbers of a controller's sampled loop: the doubles that run."""
+    law = designs.law(design.controller)
+    enters = robustness.uncertainty(law)
+    numbers = as_run(rig, design)
     true = linearise(p.magnetic_levitation()).C_Y_rest
     weight = sp.simplify(true * (p.Y + p.y0)).subs(numbers)
     gap = weight / p.C_Y_true - numbers[p.y0]
-    shape = sp.simplify(enters.shape.subs(p.y, gap).subs(numbers))
-    seen = enters.C_Y_hat.subs(numbers)
     return Setting(
-        method,
-        controller,
-        tuple(fraction(gain) for gain in exact_gains(poles, controller).values()),
-        _affine(shape, p.C_Y_true),
-        _affine(seen, robustness.quotient),
+        design.method,
+        design.controller,
+        tuple(fraction(numbers[gain]) for gain in law.gains),
+        _affine(sp.simplify(enters.shape.subs(p.y, gap).subs(numbers)), p.C_Y_true),
+        fraction(numbers[p.C_Y_hat]),
         fraction(enters.scale.subs(numbers)),
         enters.power,
         fraction(weight),
@@ -244,12 +234,11 @@ def _in_z(
         (a + nothing, b + nothing, c + nothing)
         for a, b, c in zip(fixed, gains, gains_c_y, strict=True)
     ]
-    seen, slope = (constant(x) for x in loop.C_Y_hat)
+    seen = constant(loop.C_Y_hat)
     level, steepness = (constant(x) for x in loop.shape)
     shape = level + steepness * true
     alpha = [shape * (gain + seen * gain_c_y) for _, gain, gain_c_y in rows]
-    beta = [free + shape * slope * gain_c_y for free, _, gain_c_y in rows]
-    return alpha, beta
+    return alpha, [free for free, _, _ in rows]
 
 
 def _in_w(coefficients: Sequence[Jet]) -> list[Jet]:

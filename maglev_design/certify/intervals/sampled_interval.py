@@ -21,7 +21,6 @@ from maglev_design.certify.intervals.routh import hurwitz_determinant, is_hurwit
 from maglev_design.certify.intervals.sampled import Affine, Setting, Timing, enclose
 from maglev_design.certify.intervals.spans import ZERO, End, Span, StableSet, unite
 from maglev_design.certify.rationals import decimal
-from maglev_design.choices import Equilibrium
 
 NARROW = Fraction(1, 10**13)
 """Relative width of the enclosure of an end."""
@@ -39,9 +38,7 @@ class UndecidedError(ArithmeticError):
     """The precision does not suffice; more bits may."""
 
 
-def sampled_ratios_at(
-    loop: Setting, when: Timing, equilibrium: Equilibrium, gap: float
-) -> StableSet:
+def sampled_ratios_at(loop: Setting, when: Timing, gap: float) -> StableSet:
     """Return every beta_c/beta for which the sampled loop is stable at one gap [m].
 
     Raises
@@ -57,7 +54,7 @@ def sampled_ratios_at(
             spans = _spans(loop, affine, arithmetic)
         except UndecidedError:
             continue
-        return StableSet(equilibrium, (gap, gap), spans)
+        return StableSet((gap, gap), spans)
     raise ArithmeticError(f"the stability of the sampled loop at {gap} m stays undecided")
 
 
@@ -68,8 +65,6 @@ def _spans(loop: Setting, affine: Affine, arithmetic: Arithmetic) -> tuple[Span,
             raise UndecidedError
         return verdict
 
-    if loop.power == 0:
-        return unite((), (stable(Fraction(1)),), lambda _: False)
     low, high = _possible(affine, arithmetic)
     if low >= high:
         return ()

@@ -2,13 +2,15 @@
 
 The first crossing above what the rig has is looked for with eigenvalues on a grid, then enclosed:
 below, stability is proved at every gap of the range; above, instability at one gap. That nothing
-happens between two points of the grid is not proved.
+happens between two points of the grid is not proved. At another delay the difference equation is
+the same; at another period it is made anew from the same gains.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any
@@ -33,29 +35,56 @@ FRACTIONS = 10
 """Points of the grid of delays in a period."""
 SLACKS = tuple(Fraction(1, 10**n) for n in (6, 4, 2))
 """Relative distances from the crossing at which proofs are tried, in turn."""
+FALLBACKS = (Fraction(1, 2), Fraction(1, 4), Fraction(1, 8))
+"""Shares of a time at which they are tried where none of those near it succeeds."""
+
+
+class LimitStatus(Enum):
+    """How the search for a largest time ended; the value says what to make of its numbers."""
+
+    PROVED = "stable up to the first, proved there at every gap; proved unstable at the second"
+    GAVE_UP = (
+        "gave up: eigenvalues cross the unit circle between the two, but the proof right below was "
+        "too long; the first is the longest that was proved"
+    )
+    BEYOND = "no end up to the longest that was looked at; the first is the longest proved"
+    UNSTABLE = "unstable however short it is"
 
 
 @dataclass(frozen=True)
 class Limit:
-    """The largest value of a time, enclosed.
+    """The largest value of a time, as far as it is known.
 
     Attributes
     ----------
+    status : LimitStatus
     stable : float
-        [s] Proved stable at every gap of the range.
-    unstable : float
-        [s] Proved unstable at `gap`.
-    gap : float
+        [s] Proved stable at every gap of the range; 0 where nothing was.
+    unstable : float or None
+        [s] Proved unstable at `gap`; None where no such value was found.
+    gap : float or None
         [m]
     """
 
+    status: LimitStatus
     stable: float
-    unstable: float
-    gap: float
+    unstable: float | None = None
+    gap: float | None = None
+
+    @property
+    def value(self) -> float | None:
+        """The best proved lower bound [s]; None where there is no such time."""
+        return None if self.status is LimitStatus.UNSTABLE else self.stable
 
     def as_dict(self) -> dict[str, Any]:
         """Return the limit for JSON."""
-        return asdict(self)
+        return {
+            "status": self.status.name.lower().replace("_", "-"),
+            "message": self.status.value,
+            "stable": self.value,
+            "unstable": self.unstable,
+            "gap": self.gap,
+        }
 
 
 def radii(loop: Setting, when: Timing, gaps: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -72,9 +101,8 @@ def radii(loop: Setting, when: Timing, gaps: NDArray[np.float64]) -> NDArray[np.
     )
     fixed, gain, gain_c_y = map(np.array, made.pencil(law, plant, np.zeros_like(gaps), when.whole))
     v = float(sum(nominal_quotients(loop)) / 2)
-    seen = float(loop.C_Y_hat[0]) + float(loop.C_Y_hat[1]) * v
     rho = (float(loop.shape[0]) + float(loop.shape[1]) * true) / v
-    rows = fixed + rho * (gain + seen * gain_c_y)
+    rows = fixed + rho * (gain + float(loop.C_Y_hat) * gain_c_y)
     size = len(rows) - 1
     companions = np.zeros((len(gaps), size, size))
     companions[:, 0, :] = -(rows[1:] / rows[0]).T
@@ -82,10 +110,8 @@ def radii(loop: Setting, when: Timing, gaps: NDArray[np.float64]) -> NDArray[np.
     return np.asarray(np.abs(np.linalg.eigvals(companions)).max(axis=1))
 
 
-def largest_period(
-    loop: Setting, period: float, delay: float, gaps: tuple[float, float]
-) -> Limit | None:
-    """Return the largest sampling period, the delay [s] as it is; None where none was found."""
+def largest_period(loop: Setting, period: float, delay: float, gaps: tuple[float, float]) -> Limit:
+    """Return the largest sampling period, the gains and the delay [s] as they are."""
     late = decimal(delay)
 
     def at(value: float) -> Timing:
@@ -96,9 +122,7 @@ def largest_period(
     return _limit(loop, at, period * np.exp(up), period * np.exp(down), gaps)
 
 
-def largest_delay(
-    loop: Setting, period: float, delay: float, gaps: tuple[float, float]
-) -> Limit | None:
+def largest_delay(loop: Setting, period: float, delay: float, gaps: tuple[float, float]) -> Limit:
     """Return the largest delay from sample to voltage, the period [s] as it is."""
     exact = decimal(period)
 
@@ -119,24 +143,33 @@ def _limit(
     up: NDArray[np.float64],
     down: NDArray[np.float64],
     gaps: tuple[float, float],
-) -> Limit | None:
+) -> Limit:
     """Return the first crossing on a grid of times, rising, or falling where it starts unstable."""
     places = np.linspace(*gaps, GAPS) if gaps[0] < gaps[1] else np.array(gaps[:1])
 
     def stable(value: float) -> bool:
         return bool(radii(loop, at(float(value)), places).max() < 1)
 
+    def kept(shares: Sequence[Fraction], value: float) -> float:
+        exact, quotients = (decimal(gaps[0]), decimal(gaps[1])), nominal_quotients(loop)
+        tried = (value * float(share) for share in shares)
+        return next((x for x in tried if proved_over(loop, at(x), exact, quotients)), 0.0)
+
+    if not stable(up[0]) and not any(stable(value) for value in down):
+        return Limit(LimitStatus.UNSTABLE, 0.0)
     pair = _first_change(stable, up, down)
     if pair is None:
-        return None
+        return Limit(LimitStatus.BEYOND, kept((Fraction(1), *FALLBACKS), float(up[-1])))
     low, high = pair
     for _ in range(45):
         middle = (low + high) / 2
         low, high = (middle, high) if stable(middle) else (low, middle)
     worst = float(places[int(np.argmax(radii(loop, at(high), places)))])
-    kept = _proved_stable(loop, at, low, gaps)
     lost = _proved_unstable(loop, at, high, worst)
-    return None if kept is None or lost is None else Limit(kept, lost, worst)
+    near = kept([1 - slack for slack in SLACKS], low)
+    if near and lost is not None:
+        return Limit(LimitStatus.PROVED, near, lost, worst)
+    return Limit(LimitStatus.GAVE_UP, near or kept(FALLBACKS, low), lost, worst)
 
 
 def _first_change(
@@ -144,25 +177,10 @@ def _first_change(
 ) -> tuple[float, float] | None:
     """Return a stable value and a larger unstable one next to it on the grid."""
     if stable(up[0]):
-        for low, high in pairwise(up):
-            if not stable(high):
-                return float(low), float(high)
-        return None
-    for high, low in pairwise(down):
-        if stable(low):
-            return float(low), float(high)
-    return None
-
-
-def _proved_stable(
-    loop: Setting, at: Callable[[float], Timing], value: float, gaps: tuple[float, float]
-) -> float | None:
-    exact = (decimal(gaps[0]), decimal(gaps[1]))
-    for slack in SLACKS:
-        kept = value * (1 - float(slack))
-        if proved_over(loop, at(kept), exact, nominal_quotients(loop)):
-            return kept
-    return None
+        pairs = ((low, high) for low, high in pairwise(up) if not stable(high))
+    else:
+        pairs = ((low, high) for high, low in pairwise(down) if stable(low))
+    return next(((float(low), float(high)) for low, high in pairs), None)
 
 
 def _proved_unstable(

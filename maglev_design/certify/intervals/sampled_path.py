@@ -19,15 +19,18 @@ from maglev_design.certify.intervals.positivity import middle_and_radius, positi
 from maglev_design.certify.intervals.routh import hurwitz_determinant, is_hurwitz
 from maglev_design.certify.intervals.sampled import Affine, Setting, Timing, enclose, expand
 from maglev_design.certify.intervals.sampled_interval import sampled_ratios_at
-from maglev_design.certify.intervals.spans import INFINITY, ZERO, End, Span, StableSet
+from maglev_design.certify.intervals.spans import End, Span, StableSet
 from maglev_design.certify.rationals import decimal
-from maglev_design.choices import Equilibrium
 
 Range = tuple[Fraction, Fraction]
 PRECISION = 160
 """[bit] Pieces are wide; digits beyond these do not narrow what is enclosed on them."""
 MOST_PIECES = 120
-"""Pieces of a range of gaps after which a proof is given up."""
+"""Pieces of a range of gaps after which a proof is given up, up to LOW_DEGREE."""
+LOW_DEGREE = 8
+"""Beyond it pieces soon take seconds, and fewer are allowed: as the sixth power."""
+FEWEST_PIECES = 4
+"""A proof that may not take as many is not begun."""
 SLACKS = tuple(Fraction(1, 10**n) for n in (6, 4, 2))
 """Relative distances from the ends over single gaps at which a proof for all is tried, in turn."""
 TRIED_GAPS = 5
@@ -44,9 +47,12 @@ def proved_over(loop: Setting, when: Timing, gaps: Range, quotients: Range) -> b
     quotients : tuple of Fraction
         Of v in beta_c/beta = scale v^power.
     """
-    arithmetic, done = Arithmetic(PRECISION), 0
+    arithmetic, done, most = Arithmetic(PRECISION), 0, 0
     for gap in gaps:
         affine = enclose(loop, when, gap, arithmetic)
+        most = MOST_PIECES * LOW_DEGREE**6 // max(LOW_DEGREE, len(affine.alpha) - 1) ** 6
+        if most < FEWEST_PIECES:
+            return False
         if any(is_hurwitz(affine.at(arithmetic.number(v))) is False for v in quotients):
             return False  # a corner is a counterexample
     ends = sorted(loop.coefficient(gap) for gap in gaps)
@@ -55,7 +61,7 @@ def proved_over(loop: Setting, when: Timing, gaps: Range, quotients: Range) -> b
         low, high = todo.pop()
         done += 1
         verdict = _piece(loop, when, (low, high), quotients, arithmetic)
-        if verdict is None and done < MOST_PIECES and low < high:
+        if verdict is None and done < most and low < high:
             middle = (low + high) / 2
             todo += [(low, middle), (middle, high)]
         elif not verdict:
@@ -128,8 +134,6 @@ def _signs(
 
 def nominal_quotients(loop: Setting) -> Range:
     """Return a range of v, a point where it is rational, that holds beta_c/beta = 1."""
-    if loop.power == 0:
-        return Fraction(1), Fraction(1)
     return _quotients(loop, (Fraction(1), Fraction(1)), Fraction(1, 10**40))
 
 
@@ -148,21 +152,15 @@ def _root(number: Fraction, hair: Fraction) -> Range:
     return fine * hair, (fine + 1) * hair
 
 
-def sampled_ratios_over(
-    loop: Setting, when: Timing, equilibrium: Equilibrium, gaps: tuple[float, float]
-) -> StableSet:
+def sampled_ratios_over(loop: Setting, when: Timing, gaps: tuple[float, float]) -> StableSet:
     """Return the beta_c/beta around 1 for which the loop is stable at every gap [m] of a range.
 
     Each end lies between a ratio up to which stability is proved for all gaps, its `value`, and
     one at which the loop is proved unstable at some gap. Empty where no proof was found.
     """
     exact = (decimal(gaps[0]), decimal(gaps[1]))
-    if loop.power == 0:
-        one = nominal_quotients(loop)
-        proved = proved_over(loop, when, exact, one)
-        return StableSet(equilibrium, gaps, (Span(ZERO, INFINITY),) if proved else ())
     tried = [float(gap) for gap in np.linspace(*gaps, TRIED_GAPS)]
-    sets = [sampled_ratios_at(loop, when, equilibrium, gap) for gap in tried]
+    sets = [sampled_ratios_at(loop, when, gap) for gap in tried]
     spans = [found.around(Fraction(1)) for found in sets]
     for slack in SLACKS:
         ends = _common(spans, slack)
@@ -174,8 +172,8 @@ def sampled_ratios_over(
         # rounded outwards by far less than the slack
         quotients = _quotients(loop, (lower.high, upper.low), slack / 10**6)
         if proved_over(loop, when, exact, quotients):
-            return StableSet(equilibrium, gaps, (Span(lower, upper),))
-    return StableSet(equilibrium, gaps, ())
+            return StableSet(gaps, (Span(lower, upper),))
+    return StableSet(gaps, ())
 
 
 def _common(spans: Sequence[Span | None], slack: Fraction) -> tuple[End, End] | None:

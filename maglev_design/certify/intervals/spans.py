@@ -54,25 +54,28 @@ class StableSet:
 
     Attributes
     ----------
-    equilibrium : str
-        Reading of the equilibrium.
     gaps : tuple of float or None
         [m] Stable at every gap from the first to the second; None for a set of gaps [m].
     spans : tuple of Span
         Every stable interval, ascending; none where the loop is unstable everywhere.
+    recomputed : str or None
+        The reading by which the controller is computed anew on each plant; None: it stays.
     """
 
-    equilibrium: Equilibrium
     gaps: tuple[float, float] | None
     spans: tuple[Span, ...]
+    recomputed: Equilibrium | None = None
 
     def around(self, number: Fraction) -> Span | None:
         """Return the interval that contains `number`, else the first, else None."""
         inside = [span for span in self.spans if span.contains(number)]
         return next(iter([*inside, *self.spans]), None)
 
-    def as_dict(self, number: Fraction) -> dict[str, Any]:
-        """Return the set for JSON: the interval around `number`, and all of them."""
+    def as_dict(self, number: Fraction, reading: Equilibrium) -> dict[str, Any]:
+        """Return the set for JSON: the interval around `number`, and all of them.
+
+        `reading` is that by which a controller that stays was made.
+        """
         rows = [
             {
                 "lower": span.lower.value,
@@ -91,7 +94,8 @@ class StableSet:
             low, high = self.gaps
             where = {"gap": low} if low == high else {"gap": [low, high]}
         return {
-            "equilibrium": self.equilibrium,
+            "equilibrium": self.recomputed or reading,
+            "controller": "recomputed" if self.recomputed else "fixed",
             **where,
             "stable": main is not None,
             "nominal_inside": main is not None and main.contains(number),

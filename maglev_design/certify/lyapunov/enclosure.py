@@ -1,14 +1,14 @@
 """A polytope of rational vertices around a family of loops, and why it contains the family.
 
-A member is a gap y of [y_1, y_2] and a ratio beta_c/beta of [r_1, r_2]. By
+A member is a gap y of [y_1, y_2] and a ratio beta_c/beta of [r_1, r_2]; an uncertain y0 makes of
+it a few such rectangles (:meth:`maglev_design.certify.lyapunov.family.Claim.boxes`). By
 :mod:`maglev_design.symbolic.closed_loop` its state matrix depends on
 
     q = (Y + y0)/(y + y0), on the gap alone,  and  m = C_U'(Y)/C_U^, on the ratio alone.
 
-**Ratio.** m^2 is a rational function of the ratio, proportional to its power 0, -1 or -2
-(according to the reading), so m is monotone and runs between its values at r_1 and r_2. An
-irrational square root is replaced by the nearest multiple of 2^-64 on the outer side. C_Y^ either
-does not depend on the ratio, or m C_Y^ does not: both matrices are affine in m.
+**Ratio.** m^2 is rational and inverse to the ratio, so m falls between its values at r_1 and r_2.
+An irrational square root is replaced by the nearest multiple of 2^-64 on the outer side. The
+controller is fixed: both matrices are affine in m.
 
 **Gap, continuous loop.** A is affine in (rho, C_Y', rho C_Y^) = (m q, C_Y'(Y) q, m C_Y^ q): affine
 in q at fixed m and in m at fixed q. A function that is affine in each of two variables is, over a
@@ -34,9 +34,10 @@ so that A(q, m) is a convex combination of A(f_i, m_j), j = 1, 2, but for the cu
 are nearly straight at usual periods, and so is the chain of the f_i: the hull is thin, and cutting
 the interval of q into cells would gain nothing.
 
-**Remainder.** The cut, the enclosure of exp(-k3 T) under ``zoh`` and the rounding of the vertices
-to multiples of 2^-64 are bounded entry by entry; the sum of the bounds is not less than the
-Frobenius norm of what the polytope misses.
+The controller of the sampled loop is its difference equation, coefficient by coefficient.
+
+**Remainder.** The cut and the rounding of the vertices to multiples of 2^-64 are bounded entry by
+entry; the sum of the bounds is not less than the Frobenius norm of what the polytope misses.
 
 All of it is in scaled states S x, S diagonal and part of the document.
 """
@@ -58,9 +59,10 @@ from maglev_design.certify.lyapunov.family import (
     Vector,
     check_family,
 )
-from maglev_design.choices import Equilibrium, Method
+from maglev_design.choices import TAN_GPI, Method
 from maglev_design.design import law
 from maglev_design.lowering import Program, lower
+from maglev_design.programs import derived
 from maglev_design.symbolic import closed_loop as cl
 from maglev_design.symbolic import plant as p
 
@@ -98,13 +100,16 @@ def enclose(of: Subject, over: Claim, scale: Sequence[Fraction]) -> Polytope:
         When the period is too long or the delay is too many periods.
     """
     check_family(of, over, scale)
-    gains = _gain_ends(of, over.ratios)
-    span = tuple(sorted(_point(of, gap).fall for gap in over.gaps))
-    if over.loop == "continuous":
-        members = [_continuous(of, q, *gain) for q in span for gain in gains]
-        missed = Fraction(0)
-    else:
-        members, missed = _sampled(of, span, gains, scale)
+    members: list[Matrix] = []
+    missed = Fraction(0)
+    for gaps, ratios in over.boxes(of.gap + of.gap_offset):
+        gains = _gain_ends(of, ratios)
+        span = tuple(sorted(_point(of, gap).fall for gap in gaps))
+        if over.loop == "continuous":
+            members += [_continuous(of, q, gain) for q in span for gain in gains]
+        else:
+            inside, outside = _sampled(of, span, gains, scale)
+            members, missed = members + inside, max(missed, outside)
     scaled = [_rounded(_scaled(member, scale)) for member in members]
     remainder = missed + Fraction(len(scale), 2 * GRID)
     return Polytope(tuple(dict.fromkeys(scaled)), Fraction(math.ceil(remainder * GRID**2), GRID**2))
@@ -126,42 +131,30 @@ def _scaled(matrix: Matrix, scale: Sequence[Fraction]) -> Matrix:
 
 
 @cache
-def _design_gap_program(reading: Equilibrium, voltage_given: bool) -> Program:
-    at = cl.at_design_gap(reading, voltage_given=voltage_given)
-    beta = {p.beta_c: at.beta}
-    outputs = {
-        "gain_squared": at.gain_squared.subs(beta),
-        "C_Y_hat_Y": at.C_Y_hat.subs(beta),
-        "C_Y_true_Y": at.C_Y,
-        "fall": at.fall,
-    }
-    return lower((p.m, p.g, p.C, p.K, p.y0, p.Y, p.U, p.y, cl.ratio), outputs)
+def _design_gap_program() -> Program:
+    at = cl.at_design_gap()
+    outputs = {"gain_squared": at.gain_squared, "C_Y_true_Y": at.C_Y, "fall": at.fall}
+    return lower((p.g, p.beta_c, p.y0, p.Y, p.C_U_hat, p.y, cl.ratio), outputs)
 
 
 class _Point(NamedTuple):
-    """m^2, C_Y^, C_Y'(Y) and q of one gap and ratio."""
+    """m^2, C_Y'(Y) and q of one gap and ratio."""
 
     gain_squared: Fraction
-    C_Y_hat: Fraction
     C_Y: Fraction
     fall: Fraction
 
 
 def _point(of: Subject, gap: Fraction | None = None, ratio: Fraction = Fraction(1)) -> _Point:
     """Return what a member's matrix is made of; the gap is Y by default."""
-    numbers = (of.mass, of.gravity, of.current_gain, of.force_constant, of.gap_offset, of.gap)
-    program = _design_gap_program(of.equilibrium, of.voltage is not None)
-    at = of.gap if gap is None else gap
-    return _Point(*program.exact(*numbers, of.voltage or Fraction(0), at, ratio))
+    numbers = (of.gravity, of.beta, of.gap_offset, of.gap, of.C_U_hat)
+    return _Point(*_design_gap_program().exact(*numbers, of.gap if gap is None else gap, ratio))
 
 
-def _gain_ends(of: Subject, ratios: tuple[Fraction, Fraction]) -> list[tuple[Fraction, Fraction]]:
-    """Return (m, C_Y^) at both ends, m outwards; m falls with the ratio or stays."""
-    weak, strong = (_point(of, ratio=ratio) for ratio in ratios)
-    return [
-        (root(weak.gain_squared)[1], weak.C_Y_hat),
-        (root(strong.gain_squared)[0], strong.C_Y_hat),
-    ]
+def _gain_ends(of: Subject, ratios: tuple[Fraction, Fraction]) -> tuple[Fraction, Fraction]:
+    """Return m at both ends, outwards; m falls with the ratio."""
+    weak, strong = (root(_point(of, ratio=ratio).gain_squared) for ratio in ratios)
+    return weak[1], strong[0]
 
 
 def root(square: Fraction) -> tuple[Fraction, Fraction]:
@@ -191,8 +184,8 @@ def _continuous_program() -> Program:
     return lower(inputs, _entries(cl.continuous_matrix(law())))
 
 
-def _continuous(of: Subject, q: Fraction, gain: Fraction, C_Y_hat: Fraction) -> Matrix:
-    values = _continuous_program().exact(gain * q, _point(of).C_Y * q, C_Y_hat, *of.gains)
+def _continuous(of: Subject, q: Fraction, gain: Fraction) -> Matrix:
+    values = _continuous_program().exact(gain * q, _point(of).C_Y * q, of.C_Y_hat, *of.gains)
     return _matrix(values)
 
 
@@ -213,28 +206,26 @@ class Series:
 
 @cache
 def _sampled_program(method: Method, whole: int, partial: bool) -> Program:
-    inputs = (*cl.HOLD, cl.lag, cl.m_gain, p.C_Y_hat, *law().gains, p.T)
+    _, coefficients = derived.core(method, TAN_GPI)
+    inputs = (*cl.HOLD, cl.m_gain, p.C_U_hat, *coefficients)
     return lower(inputs, _entries(cl.sampled_matrix(method, whole, partial=partial, law=law())))
 
 
 def _sampled(
-    of: Subject,
-    span: tuple[Fraction, ...],
-    gains: Sequence[tuple[Fraction, Fraction]],
-    scale: Sequence[Fraction],
+    of: Subject, span: Sequence[Fraction], gains: Sequence[Fraction], scale: Sequence[Fraction]
 ) -> tuple[list[Matrix], Fraction]:
     """Return A at every control point and end of m, and the norm of what they miss."""
     program = _sampled_program(of.method, of.whole, of.part > 0)
-    functions = [*hold_series(of, span[-1]), _decayed(of.gains[3] * of.period)]
+    functions = hold_series(of, span[-1])
     degree = max(len(f.coefficients) for f in functions) - 1
 
-    def member(values: Sequence[Fraction], gain: tuple[Fraction, Fraction]) -> Matrix:
-        return _matrix(program.exact(*values, *gain, *of.gains, of.period))
+    def member(values: Sequence[Fraction], gain: Fraction) -> Matrix:
+        return _matrix(program.exact(*values, gain, of.C_U_hat, *of.coefficients))
 
     points = list(zip(*[control_points(f, span, degree) for f in functions], strict=True))
     members = [member(point, gain) for point in points for gain in gains]
 
-    def norm_missed(gain: tuple[Fraction, Fraction]) -> Fraction:  # A is affine in the functions
+    def norm_missed(gain: Fraction) -> Fraction:  # A is affine in the functions
         base, total = member(points[0], gain), Fraction(0)
         for n, function in enumerate(functions):
             moved = list(points[0])
@@ -291,20 +282,6 @@ def _degree(x: Fraction) -> int:
 def _minus(a: Series, b: Series) -> Series:
     size = range(len(a.coefficients))
     return Series(tuple(a.at(k) - b.at(k) for k in size), a.error + b.error)
-
-
-def _decayed(x: Fraction) -> Series:
-    """Return exp(-x), x > 0, as a constant with its error."""
-    if x >= 64:  # exp(-x) < 2^-64
-        return Series((Fraction(0),), Fraction(1, GRID))
-    below, term, k = Fraction(1), Fraction(1), 0
-    while k < 2 * x or term * GRID > 1:
-        k += 1
-        term *= x / k
-        below += term
-    above = below + term  # each further term of exp(x) is less than half the one before
-    middle = Fraction(round(GRID / below), GRID)
-    return Series((middle,), max(abs(1 / below - middle), abs(1 / above - middle)))
 
 
 def control_points(series: Series, span: Sequence[Fraction], degree: int) -> list[Fraction]:

@@ -1,33 +1,38 @@
-"""What a certificate speaks of: a controller on a rig, and a family of gaps and ratios.
+"""What a certificate speaks of: one controller, and a family of plants and gaps.
 
-The gap may change from one instant, or one period, to the next. So may the ratio, but for a delayed
-loop, whose remembered efforts contain m: there it is constant, as beta is. Where a reading needs
-the true equilibrium voltage and the rig gives none, the controller of each member has measured
-that of its own plant. The gains are the doubles that run; the coefficients made of them and the
-steps are in exact arithmetic.
+The controller is its numbers, fixed: the doubles that run, each a fraction. The plants are those
+with beta = beta_c/r for r in an interval, and with any y0 of another. The gap may change from one
+instant, or one period, to the next. So may the ratio, but for a delayed loop, whose remembered
+efforts contain m: there it is constant, as beta is.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Literal
+from typing import Any, Literal
 
+from maglev_design.certify.numbers import check_same_rig
 from maglev_design.certify.rationals import decimal
-from maglev_design.choices import Equilibrium, Method
-from maglev_design.design import Design, believed_equilibrium, law, path_gaps
+from maglev_design.choices import TAN_GPI, Equilibrium, Method
+from maglev_design.design import Design, law
 from maglev_design.errors import InputError
+from maglev_design.files import digest
 from maglev_design.parameters import Rig
+from maglev_design.plain import finite
+from maglev_design.programs import derived
 
 LoopName = Literal["continuous", "sampled"]
 Vector = tuple[Fraction, ...]
+Pair = tuple[Fraction, Fraction]
 
+NOTHING: Pair = (Fraction(0), Fraction(0))
 MOST_STATES = 16
 """Of the loop with its remembered voltages; a larger LMI takes minutes."""
-SAME = 1e-9
-"""Relative difference to which a design must believe what its rig says."""
+HELD_PIECES = 4
+"""Pieces of the interval of y0 where the ratio depends on y0."""
 
 
 class NotEnclosedError(InputError):
@@ -36,35 +41,66 @@ class NotEnclosedError(InputError):
 
 @dataclass(frozen=True)
 class Subject:
-    """Rig and controller, every number exact.
-
-    The rig's decimals are taken as typed; the gains are the doubles that run. SI units.
+    """Controller and plant, every number exact; SI units.
 
     Attributes
     ----------
-    mass, gravity, current_gain, force_constant, gap_offset, gap : Fraction
-        m, g, C, K, y0 and Y.
-    voltage : Fraction or None
-        U as measured.
-    equilibrium, method : str
-    gains : tuple of Fraction
-        (k0, k1, k2, k3).
-    period, delay : Fraction
-        T and the time from a sample to its voltage.
+    numbers : mapping
+        Of the controller, :attr:`maglev_design.design.Design.numbers`: doubles, taken as exact but
+        for Y and the period, which are the decimals that were typed.
+    gravity, gap_offset, beta : Fraction
+        g, y0 and beta_c, the plant's beta at the ratio 1; decimals.
+    delay : Fraction
+        From a sample to its voltage.
     """
 
-    mass: Fraction
+    numbers: Mapping[str, Any] = field(hash=False)
     gravity: Fraction
-    current_gain: Fraction
-    force_constant: Fraction
     gap_offset: Fraction
-    gap: Fraction
-    voltage: Fraction | None
-    equilibrium: Equilibrium
-    method: Method
-    gains: Vector
-    period: Fraction
+    beta: Fraction
     delay: Fraction
+
+    @property
+    def sha256(self) -> str:
+        """The controller's name."""
+        return digest(self.numbers)
+
+    @property
+    def method(self) -> Method:
+        """Discretisation by which the difference equation came about."""
+        method: Method = self.numbers["method"]
+        return method
+
+    @property
+    def gap(self) -> Fraction:
+        """Y [m]."""
+        return decimal(self.numbers["Y"])
+
+    @property
+    def period(self) -> Fraction:
+        """T [s]."""
+        return decimal(self.numbers["period"])
+
+    @property
+    def C_U_hat(self) -> Fraction:
+        """C_U^ [m/(s^2 V)]."""
+        return Fraction(self.numbers["C_U"])
+
+    @property
+    def C_Y_hat(self) -> Fraction:
+        """C_Y^ [1/s^2]."""
+        return Fraction(self.numbers["C_Y"])
+
+    @property
+    def gains(self) -> Vector:
+        """(k0, k1, k2, k3)."""
+        return tuple(Fraction(self.numbers["gains"][k.name]) for k in law().gains)
+
+    @property
+    def coefficients(self) -> Vector:
+        """Those of the difference equation that the linear loop is made of."""
+        _, named = derived.core(self.method, TAN_GPI)
+        return tuple(Fraction(self.numbers["coefficients"][x.name]) for x in named)
 
     @property
     def whole(self) -> int:
@@ -79,11 +115,43 @@ class Subject:
 
 @dataclass(frozen=True)
 class Claim:
-    """Which loop, over which gaps [m] and which ratios beta_c/beta."""
+    """Which loop, over which gaps and plants.
+
+    Attributes
+    ----------
+    loop : {"continuous", "sampled"}
+    gaps : tuple of Fraction
+        [m]
+    ratios : tuple of Fraction
+        beta_c/beta, at the rig's y0.
+    shifts : tuple of Fraction
+        True y0 less the rig's [m].
+    held : bool
+        Whether every plant holds the ball at Y with its own voltage: with another y0 it then has
+        another beta, beta = g Z^2/U^2, and r = ratio (Z/(Z + shift))^2.
+    """
 
     loop: LoopName
-    gaps: tuple[Fraction, Fraction]
-    ratios: tuple[Fraction, Fraction]
+    gaps: Pair
+    ratios: Pair
+    shifts: Pair = NOTHING
+    held: bool = False
+
+    def boxes(self, Z: Fraction) -> Iterator[tuple[Pair, Pair]]:
+        """Yield gaps [m], counted from the rig's y0, and ratios that together cover the family.
+
+        A plant whose y0 is larger by a shift is that of the rig at a gap larger by as much. Where
+        the ratio depends on the shift, the shifts are cut into pieces and on each the extremes of
+        both are taken: more than the family, never less.
+        """
+        (low, high), (weak, strong), (first, last) = self.gaps, self.ratios, self.shifts
+        if not self.held or first == last == 0:
+            yield (low + first, high + last), self.ratios
+            return
+        step = (last - first) / HELD_PIECES
+        for n in range(HELD_PIECES if step else 1):
+            a, b = first + n * step, first + (n + 1) * step
+            yield (low + a, high + b), (weak * (Z / (Z + b)) ** 2, strong * (Z / (Z + a)) ** 2)
 
 
 def subject(design: Design, rig: Rig) -> Subject:
@@ -92,48 +160,54 @@ def subject(design: Design, rig: Rig) -> Subject:
     Raises
     ------
     InputError
-        For a controller other than TAN-GPI, and for a design that was made for another beta.
+        For a controller other than TAN-GPI, and for a design of another rig.
     """
     if design.controller.name != "tan-gpi":
         raise InputError(
             f"controller = {design.controller.name!r}: a certificate needs 'tan-gpi', whose "
             "loop's dependence on the gap is known in closed form"
         )
-    believed = believed_equilibrium(rig, design.equilibrium)
-    if not math.isclose(believed.C_U, design.believed.C_U, rel_tol=SAME):
-        raise InputError(
-            f"design: C_U = {design.believed.C_U:g} m/(s^2 V), but with the rig's beta it is "
-            f"{believed.C_U:g}; ratios count from the rig's beta: certify with the design's rig"
-        )
-    plant, point, sampling = rig.plant, rig.operating_point, rig.sampling
+    check_same_rig(rig, design)
     return Subject(
-        mass=decimal(plant.mass),
-        gravity=decimal(plant.gravity),
-        current_gain=decimal(plant.current_gain),
-        force_constant=decimal(plant.force_constant),
-        gap_offset=decimal(plant.gap_offset),
-        gap=decimal(point.gap),
-        voltage=None if point.voltage is None else decimal(point.voltage),
-        equilibrium=design.equilibrium,
-        method=design.method,
-        gains=tuple(Fraction(k) for k in design.gains),
-        period=decimal(sampling.period),
-        delay=decimal(sampling.delay),
+        numbers=finite(design.numbers),
+        gravity=decimal(rig.plant.gravity),
+        gap_offset=decimal(rig.plant.gap_offset),
+        beta=decimal(design.believed.beta),
+        delay=decimal(rig.sampling.delay),
     )
 
 
 def claim(
     rig: Rig,
     loop: LoopName,
-    beta_error: Fraction,
+    beta_error: Fraction | None = None,
     gap_range: tuple[float, float] | None = None,
+    equilibrium: Equilibrium = "model",
 ) -> Claim:
-    """Return the claim over `gap_range`, by default the hull of path, initial gap and Y."""
-    ends = path_gaps(rig, 2) if gap_range is None else gap_range
+    """Return the claim over the family of :func:`maglev_design.loop.family`.
+
+    Parameters
+    ----------
+    beta_error : Fraction, optional
+        u, ratios in [1 - u, 1 + u]; default: what the rig's file says for the reading.
+    gap_range : tuple of float, optional
+        [m]; default: the hull of path, initial gap and Y.
+    """
+    from maglev_design.loop import family  # noqa: PLC0415 - CasADi, which a checker can do without
+
+    over = family(rig, equilibrium, None if beta_error is None else float(beta_error))
+    ends = over.gaps if gap_range is None else gap_range
     if not all(math.isfinite(end) for end in ends):
         raise InputError(f"gap range = [{ends[0]:g}, {ends[-1]:g}] m: both ends must be finite")
+    ratios = _pair(over.ratios) if beta_error is None else (1 - beta_error, 1 + beta_error)
     gaps = decimal(min(ends)), decimal(max(ends))
-    return Claim(loop, gaps, (1 - beta_error, 1 + beta_error))
+    return Claim(loop, gaps, ratios, _pair(over.shifts), over.held is not None)
+
+
+def _pair(ends: tuple[float, float]) -> Pair:
+    """Return the short decimals that sums and squares of decimals in doubles stand for."""
+    low, high = (Fraction(f"{end:.12g}") for end in ends)
+    return low, high
 
 
 def state_names(of: Subject, loop: LoopName) -> tuple[str, ...]:
@@ -165,14 +239,9 @@ def scaling(of: Subject, loop: LoopName) -> Vector:
 
 def check_family(of: Subject, over: Claim, scale: Sequence[Fraction]) -> None:
     """Raise `InputError` for numbers with which the family makes no sense."""
-    rig = (of.mass, of.gravity, of.current_gain, of.force_constant, of.gap, of.period)
-    if min(rig) <= 0 or of.gap_offset < 0 or of.delay < 0 or (of.voltage or 1) <= 0:
-        raise InputError("the numbers of the rig must be positive")
-    if len(of.gains) != 4 or min(of.gains) <= 0:
-        raise InputError("gains: must be four positive numbers, k0 to k3")
     if len(scale) != len(state_names(of, over.loop)) or min(scale) <= 0:
         raise InputError("scaling: must be one positive number for each state")
-    (low, high), (weak, strong) = over.gaps, over.ratios
+    (low, high), (weak, strong), (first, last) = over.gaps, over.ratios, over.shifts
     if not 0 < low <= high:
         raise InputError(
             f"gap range = [{float(low):g}, {float(high):g}] m: must be two gaps above 0 m, the "
@@ -182,4 +251,9 @@ def check_family(of: Subject, over: Claim, scale: Sequence[Fraction]) -> None:
         raise InputError(
             f"ratios = [{float(weak):g}, {float(strong):g}]: beta_c/beta must be above 0, the "
             "smaller first; allow an error of beta below 1"
+        )
+    if not first <= last or min(low, of.gap) + of.gap_offset + first <= 0:
+        raise InputError(
+            f"shifts = [{float(first):g}, {float(last):g}] m: must be two errors of y0, the "
+            "smaller first, with every gap plus y0 above 0 m"
         )

@@ -31,7 +31,6 @@ from maglev_design.certify.lyapunov.family import (
 )
 from maglev_design.certify.rationals import decimal
 from maglev_design.design import Design
-from maglev_design.errors import InputError
 from maglev_design.parameters import Rig
 
 LOOPS: tuple[LoopName, ...] = ("continuous", "sampled")
@@ -144,10 +143,12 @@ class LmiCertificate:
             "certified": self.certified,
             "exact": self.certified,
             "status": self.status.value,
+            "controller_sha256": of.sha256,
             "family": {
                 "gaps": [str(x) for x in over.gaps],
                 "ratios": [str(x) for x in over.ratios],
-                "equilibrium": of.equilibrium,
+                "shifts": [str(x) for x in over.shifts],
+                "voltage_held": over.held,
                 "method": of.method if over.loop == "sampled" else None,
                 "period": str(of.period) if over.loop == "sampled" else None,
                 "delay": str(of.delay) if over.loop == "sampled" else None,
@@ -189,7 +190,7 @@ def certify_family(
     rig : Rig
         The design's.
     beta_error : number, optional
-        u, ratios in [1 - u, 1 + u]; default: the rig's.
+        u, ratios in [1 - u, 1 + u]; default: what the rig's file says for the design's reading.
     gap_range : tuple of float, optional
         [m]; default: the hull of path, initial gap and Y.
     bisect : bool
@@ -200,12 +201,12 @@ def certify_family(
     InputError
         For a family that is impossible or a design that does not belong to the rig.
     """
-    error = rig.uncertainty.beta if beta_error is None else beta_error
-    exact = error if isinstance(error, Fraction) else decimal(error)
-    if not 0 <= exact < 1:
-        raise InputError(f"beta error = {float(exact):g}: must be at least 0 and below 1")
+    exact = decimal(beta_error) if isinstance(beta_error, float | int) else beta_error
     of = subject(design, rig)
-    return tuple(_certify(of, claim(rig, loop, exact, gap_range), bisect=bisect) for loop in loops)
+    return tuple(
+        _certify(of, claim(rig, loop, exact, gap_range, design.equilibrium), bisect=bisect)
+        for loop in loops
+    )
 
 
 def certify_sampled(
@@ -227,7 +228,7 @@ def widest_sampled(
     The abscissa of `tune --pareto`.
     """
     of = subject(design, rig)
-    over = claim(rig, "sampled", Fraction(0), gap_range)
+    over = claim(rig, "sampled", Fraction(0), gap_range, design.equilibrium)
     return _widest(of, over, attempt(of, over))
 
 
@@ -239,7 +240,7 @@ def _certify(of: Subject, over: Claim, *, bisect: bool) -> LmiCertificate:
     best = _fastest(plain) if plain.certified else plain
     if widest is None:
         return best
-    return replace(best, largest_beta_error=widest.claim.ratios[1] - 1, widest=widest)
+    return replace(best, largest_beta_error=_error(widest.claim), widest=widest)
 
 
 def attempt(of: Subject, over: Claim, decay: Fraction = Fraction(0)) -> LmiCertificate:
@@ -339,13 +340,18 @@ def _widest(of: Subject, over: Claim, known: LmiCertificate) -> LmiCertificate |
         u = Fraction(k, BETA_STEPS)
         return attempt(of, replace(over, ratios=(1 - u, 1 + u)))
 
-    u = over.ratios[1] - 1
+    u = _error(over)
     if known.certified:
         return _bisected(known, BETA_STEPS, at, int(u * BETA_STEPS))
     if u == 0:
         return None
     centre = at(0)
     return _bisected(centre, int(u * BETA_STEPS) + 1, at) if centre.certified else None
+
+
+def _error(over: Claim) -> Fraction:
+    """Return the largest u whose ratios [1 - u, 1 + u] lie in a claim's."""
+    return min(1 - over.ratios[0], over.ratios[1] - 1)
 
 
 def _bisected(
