@@ -69,25 +69,7 @@ def tune(request: Request, output: Path | None, *, force: bool, as_json: bool) -
                     }
                 )
             raise InfeasibleError(_hopeless(rig, result), "spectral radius")
-<<<<<<< HEAD
         record, written = recorded(result, folder, progress, pareto=request.pareto)
-=======
-        progress("margins", 0.0)
-        problem = result.problem
-        margins = sampled_margins(problem.loop, result.poles.values, problem.family)
-        progress("certificate", 0.3)
-        (certificate,) = certify_family(
-            result.design, rig, beta_error=problem.given_beta_error, loops=("sampled",)
-        )
-        trade = _trade_off(result, progress) if request.pareto else None
-        record = make_record(result, margins, certificate, trade)
-        written: tuple[Path, ...] = ()
-        if folder is not None:
-            progress("figures", 0.5)
-            from maglev_design.report.plots.design import design_figures  # noqa: PLC0415
-
-            written = save(record, folder) + design_figures(record.curves, record.document, folder)
->>>>>>> main
     if as_json:
         print_json(record.document)
     else:
@@ -120,7 +102,7 @@ def recorded(
     progress("certificate", 0.3)
     if problem.controller.name == TAN_GPI.name:
         (certificate,) = certify_family(
-            result.design, problem.rig, beta_error=problem.beta_error, loops=("sampled",)
+            result.design, problem.rig, beta_error=problem.given_beta_error, loops=("sampled",)
         )
     trade = _trade_off(result, progress) if pareto else None
     record = make_record(result, margins, certificate, trade)
