@@ -99,10 +99,13 @@ def rig_from_data(data: Any, origin: str) -> Rig:
 def make_record(
     result: TuneResult,
     margins: Margins,
-    certificate: LmiCertificate,
+    certificate: LmiCertificate | None,
     trade_off: TradeOff | None = None,
 ) -> DesignRecord:
-    """Return the record of a tuning, with what was certified of its sampled loop."""
+    """Return the record of a tuning, with what was certified of its sampled loop.
+
+    Without a `certificate` the record says that none is made for the law.
+    """
     from maglev_design.tune import as_json  # noqa: PLC0415 - not for reading a record back
 
     rig, design = result.problem.rig, result.design
@@ -116,7 +119,7 @@ def make_record(
         "design": design_as_data(design),
         **as_json(result),
         "margins": margins.as_dict(),
-        "certificate": _certificate(certificate),
+        "certificate": _certificate(result, certificate),
     }
     curves = _curves(result)
     if trade_off is not None:
@@ -126,8 +129,18 @@ def make_record(
     return DesignRecord(rig, design, finite(document), curves)
 
 
-def _certificate(found: LmiCertificate) -> dict[str, Any]:
+def _certificate(result: TuneResult, found: LmiCertificate | None) -> dict[str, Any]:
     """Return whether and of what there is a proof; the proof itself `certify` writes."""
+    if found is None:
+        over, law = result.problem.family, result.design.controller.name
+        return dict.fromkeys(CERTIFICATE_FIELDS) | {
+            "loop": "sampled",
+            "certified": False,
+            "status": f"not made for this law: Lyapunov certificates are of {TAN_GPI.name}, not "
+            f"of {law}; margins and exact intervals are",
+            "gaps": list(over.gaps),
+            "ratios": list(over.ratios),
+        }
     whole = found.as_dict()
     return {name: whole[name] for name in CERTIFICATE_FIELDS} | {
         "gaps": [float(x) for x in found.claim.gaps],
@@ -142,15 +155,16 @@ def _curves(result: TuneResult) -> dict[str, NDArray[np.float64]]:
     problem = result.problem
     curves: dict[str, NDArray[np.float64]] = {}
     shown = [
-        ("worst", result.poles, result.figures.case, result.figures.ratio),
-        ("nominal", result.poles, Case(), 1.0),
+        ("worst", problem, result.poles, result.figures.case, result.figures.ratio),
+        ("nominal", problem, result.poles, Case(), 1.0),
     ]
     if result.baseline is not None:
         found = result.baseline
-        shown.append(("baseline", found.poles, found.figures.case, found.figures.ratio))
-    for label, poles, case, ratio in shown:
-        scenario = scenario_at(problem, case, ratio)
-        response = simulate(problem.runs, design_at(problem, poles), scenario)
+        figures = found.figures
+        shown.append(("baseline", found.problem, found.poles, figures.case, figures.ratio))
+    for label, of, poles, case, ratio in shown:
+        scenario = scenario_at(of, case, ratio)
+        response = simulate(of.runs, design_at(of, poles), scenario)
         curves[f"{label}_gap"] = response.gap
         curves[f"{label}_commanded"] = response.commanded
         curves["times"], curves["reference"] = response.times, response.reference

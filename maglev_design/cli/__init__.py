@@ -383,6 +383,109 @@ def tune(
 
 
 @app.command()
+def design(
+    rig: RigOption = DEFAULT_PRESET,
+    controller: Annotated[ControllerName, typer.Option(help="Which law.")] = "tan-gpi",
+    zeta: Annotated[float | None, typer.Option(help="Damping of the poles [-].")] = None,
+    omega_n: Annotated[float | None, typer.Option(help="Frequency of the poles [rad/s].")] = None,
+    poles: Annotated[
+        tuple[float, float, float, float] | None,
+        typer.Option(
+            metavar="ZETA OMEGA ZETA OMEGA",
+            help="Two different pairs [-, rad/s]; a law of third order has a real pole at the "
+            "second frequency.",
+        ),
+    ] = None,
+    gains: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME=VALUE,...",
+            help="Somebody's own. tan-gpi, fee-gpi: k0 [1/s^4], k1 [1/s^3], k2 [1/s^2], k3 [1/s]; "
+            "state-feedback: k1 [1/s^3], k2 [1/s^2], k3 [1/s]; lin-pid: the same, or Kp [V/m], "
+            "Ki [V/(m s)], Kd [V s/m], positive as gains of y - y*, with omega_f (or N) [rad/s], "
+            "the pole of the derivative's filter.",
+        ),
+    ] = None,
+    feedforward: Annotated[
+        Feedforward | None, typer.Option(help="lin-pid: the voltage that holds the ball at y*.")
+    ] = None,
+    derivative: Annotated[
+        Derivative | None, typer.Option(help="lin-pid: what is differentiated.")
+    ] = None,
+    filter: Annotated[  # noqa: A002 - the option's name
+        float | None, typer.Option(help="lin-pid: filter's pole over the real closed-loop pole.")
+    ] = None,
+    start: Annotated[
+        Start | None, typer.Option(help="lin-pid: whether the first error kicks the derivative.")
+    ] = None,
+    objective: Annotated[Objective, typer.Option(help="Whose worst case is shown.")] = "itae",
+    equilibrium: EquilibriumOption = "model",
+    method: Annotated[Method | None, typer.Option(help="Discretisation of the law.")] = None,
+    beta_error: Annotated[
+        float | None, typer.Option(help="u: worst case over beta_c/beta in [1-u, 1+u].")
+    ] = None,
+    allow_saturation: Annotated[
+        bool, typer.Option("--allow-saturation", help="Let the command leave the voltage range.")
+    ] = False,
+    max_ms: Annotated[
+        float, typer.Option(help="Largest |S| of the sampled loop [-].")
+    ] = DEFAULT_MAX_MS,
+    max_noise_voltage: Annotated[
+        float | None,
+        typer.Option(help="Voltage made by sensor noise [V]; default 5 % of the range."),
+    ] = None,
+    scenarios: Annotated[
+        Scenarios, typer.Option(help="robust adds noise and both signs of the initial error.")
+    ] = "nominal",
+    baseline: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            metavar="ZETA OMEGA",
+            help="Poles of tan-gpi to compare with; default: the paper's on the paper's rig.",
+        ),
+    ] = None,
+    seed: SeedOption = 0,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder for design.json and the plots.")
+    ] = None,
+    force: ForceOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Judge a controller that is given by its poles or its gains; nothing is searched for."""
+    from maglev_design.cli import design_verb  # noqa: PLC0415
+
+    design_verb.design(
+        design_verb.Request(
+            rig=rig,
+            controller=controller,
+            options={
+                "feedforward": feedforward,
+                "derivative": derivative,
+                "filter": filter,
+                "start": start,
+            },
+            zeta=zeta,
+            omega_n=omega_n,
+            poles=poles,
+            gains=gains,
+            objective=objective,
+            equilibrium=equilibrium,
+            method=method,
+            beta_error=beta_error,
+            allow_saturation=allow_saturation,
+            max_ms=max_ms,
+            max_noise_voltage=max_noise_voltage,
+            scenarios=scenarios,
+            seed=seed,
+            baseline=baseline,
+        ),
+        output,
+        force=force,
+        as_json=json,
+    )
+
+
+@app.command()
 def certify(
     design: Annotated[
         Path | None, typer.Argument(help="A saved design.json; its rig and controller are used.")

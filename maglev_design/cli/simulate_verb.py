@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from maglev_design.choices import DEFAULT_PRESET, Controller, ControllerName, Equilibrium, Method
+from maglev_design.choices import DEFAULT_PRESET, ControllerName, Equilibrium, Method
+from maglev_design.cli.law import chosen_law
 from maglev_design.cli.output import number, print_json, say, table, warn
 from maglev_design.design import (
     PAPER_POLES,
@@ -239,7 +240,7 @@ def _placed(rig: Rig, request: Request, ratio: float) -> tuple[Design, float]:
     design = make_design(
         rig,
         poles,
-        controller=_controller(request),
+        controller=chosen_law(request.controller or "tan-gpi", request.options),
         equilibrium=request.equilibrium or "model",
         method=request.method or rig.sampling.method,
         beta_c=beta * ratio,
@@ -292,22 +293,6 @@ def what_ran(design: Design, ratio: float, *, saved: bool, continuous: bool) -> 
         f"{law}{variant}, {poles}, {when}, reading {design.equilibrium}, beta_c/beta = {ratio:g}"
         + (f" ({moved})" if ratio != 1 else "")
     )
-
-
-def _controller(request: Request) -> Controller:
-    """Return the law with its options; those of the PID are refused for the others."""
-    given = {name: value for name, value in request.options.items() if value is not None}
-    name = request.controller or "tan-gpi"
-    if given and name != "lin-pid":
-        names = ", ".join(f"--{name}" for name in given)
-        raise InputError(
-            f"{names}: only for --controller lin-pid, not for {name}, which leaves "
-            "nothing open"
-        )
-    ratio = given.get("filter", 1.0)
-    if not (math.isfinite(ratio) and ratio > 0):
-        raise InputError(f"filter = {ratio!r}: must be a finite number greater than 0 [-]")
-    return Controller(name, **given)
 
 
 def _emulated(rig: Rig, request: Request, continuous: bool, *, saved: bool) -> Rig:

@@ -6,9 +6,9 @@ import math
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from maglev_design.choices import METHODS, Equilibrium, Method, Scenarios
+from maglev_design.choices import METHODS, TAN_GPI, Equilibrium, Method, Scenarios
 from maglev_design.cli.output import (
     number,
     print_json,
@@ -20,6 +20,9 @@ from maglev_design.cli.output import (
 from maglev_design.errors import InfeasibleError
 from maglev_design.files import output_folder
 from maglev_design.parameters import Rig, is_papers, load_rig
+
+if TYPE_CHECKING:
+    from maglev_design.record import DesignRecord
 
 INTERRUPTED, VERIFICATION_FAILED, INFEASIBLE = 130, 4, 3
 
@@ -48,9 +51,6 @@ class Request:
 
 def tune(request: Request, output: Path | None, *, force: bool, as_json: bool) -> None:
     """Solve, print, save; the exit code says how it ended."""
-    from maglev_design.certify.lyapunov.lmi import certify_family  # noqa: PLC0415
-    from maglev_design.certify.margins import sampled_margins  # noqa: PLC0415
-    from maglev_design.record import make_record, save  # noqa: PLC0415
     from maglev_design.tune import Status, Unstabilisable  # noqa: PLC0415
 
     rig = load_rig(request.rig)
@@ -69,31 +69,12 @@ def tune(request: Request, output: Path | None, *, force: bool, as_json: bool) -
                     }
                 )
             raise InfeasibleError(_hopeless(rig, result), "spectral radius")
-        progress("margins", 0.0)
-        problem = result.problem
-        margins = sampled_margins(problem.loop, result.poles.values, problem.family)
-        progress("certificate", 0.3)
-        (certificate,) = certify_family(
-            result.design, rig, beta_error=problem.given_beta_error, loops=("sampled",)
-        )
-        trade = _trade_off(result, progress) if request.pareto else None
-        record = make_record(result, margins, certificate, trade)
-        written: tuple[Path, ...] = ()
-        if folder is not None:
-            progress("figures", 0.5)
-            from maglev_design.report.plots.design import design_figures  # noqa: PLC0415
-
-            written = save(record, folder) + design_figures(record.curves, record.document, folder)
+        record, written = recorded(result, folder, progress, pareto=request.pareto)
     if as_json:
         print_json(record.document)
     else:
-        _print(record.document)
-    for path in written:
-        say(f"written: {path}")
-    for text in _warnings(rig, record.document):
-        warn(text)
-    if not as_json and folder is None:
-        say("nothing was saved; -o FOLDER keeps the design and its plots")
+        show(record.document)
+    tell(rig, record.document, written, as_json=as_json)
     if result.status is Status.INTERRUPTED:
         sys.exit(INTERRUPTED)
     if result.status is Status.INFEASIBLE:
@@ -104,6 +85,48 @@ def tune(request: Request, output: Path | None, *, force: bool, as_json: bool) -
             f" is allowed, at the poles that come closest. {result.status.value}"
         )
         sys.exit(INFEASIBLE)
+    end_by_verification(result)
+
+
+def recorded(
+    result: Any, folder: Path | None, progress: Any, *, pareto: bool = False
+) -> tuple[DesignRecord, tuple[Path, ...]]:
+    """Return the record of a result with margins and certificate, and the files written of it."""
+    from maglev_design.certify.lyapunov.lmi import certify_family  # noqa: PLC0415
+    from maglev_design.certify.margins import sampled_margins  # noqa: PLC0415
+    from maglev_design.record import make_record, save  # noqa: PLC0415
+
+    problem, certificate = result.problem, None
+    progress("margins", 0.0)
+    margins = sampled_margins(problem.loop, result.poles.values, problem.family)
+    progress("certificate", 0.3)
+    if problem.controller.name == TAN_GPI.name:
+        (certificate,) = certify_family(
+            result.design, problem.rig, beta_error=problem.given_beta_error, loops=("sampled",)
+        )
+    trade = _trade_off(result, progress) if pareto else None
+    record = make_record(result, margins, certificate, trade)
+    if folder is None:
+        return record, ()
+    progress("figures", 0.5)
+    from maglev_design.report.plots.design import design_figures  # noqa: PLC0415
+
+    figures = design_figures(record.curves, record.document, folder)
+    return record, save(record, folder) + figures
+
+
+def tell(rig: Rig, document: dict[str, Any], written: tuple[Path, ...], *, as_json: bool) -> None:
+    """Say what was written and what a person must not miss."""
+    for path in written:
+        say(f"written: {path}")
+    for text in _warnings(rig, document):
+        warn(text)
+    if not as_json and not written:
+        say("nothing was saved; -o FOLDER keeps the design and its plots")
+
+
+def end_by_verification(result: Any) -> None:
+    """End with the exit code of a failed verification where one failed."""
     compared = result.baseline
     if not (result.verification.passed and (compared is None or compared.verification.passed)):
         say("verification failed: the two integrators differ by more than the tolerance")
@@ -134,19 +157,19 @@ def _solve(rig: Rig, request: Request, progress: Any) -> Any:
             certifies=_certifies(rig, request.beta_error) if request.certify else None,
         )
 
-    baseline = _baseline(rig, request)
+    baseline = baseline_of(rig, request.baseline)
     if request.method == "auto":
         return solve_every_method({name: problem(name) for name in METHODS}, progress, baseline)
     method: Method | None = next((m for m in METHODS if m == request.method), None)
     return solve(problem(method), progress, baseline)
 
 
-def _baseline(rig: Rig, request: Request) -> Any:
+def baseline_of(rig: Rig, asked: tuple[float, float] | None) -> Any:
     """Return the poles to compare with: those asked for, on the paper's rig the paper's."""
     from maglev_design.design import PAPER_POLES, PoleSpec  # noqa: PLC0415
 
-    if request.baseline is not None:
-        return PoleSpec.double(*request.baseline)
+    if asked is not None:
+        return PoleSpec.double(*asked)
     return PoleSpec.double(*PAPER_POLES) if is_papers(rig) else None
 
 
@@ -205,12 +228,14 @@ def _warnings(rig: Rig, document: dict[str, Any]) -> list[str]:
     return found
 
 
-def _print(document: dict[str, Any]) -> None:
+def show(document: dict[str, Any]) -> None:
+    """Print a design as tables that a person reads."""
     _print_design(document)
     _print_figures(document)
     _print_limits(document)
     _print_certificate(document["certificate"])
-    _print_alternatives(document)
+    if document["alternatives"]:
+        _print_alternatives(document)
     if "pareto" in document:
         _print_pareto(document)
     check = document["verification"]
@@ -228,7 +253,7 @@ def _print_design(document: dict[str, Any]) -> None:
         (f"zeta{'' if double else f'_{n + 1}'}, omega_n", f"{zeta:.6g}, {omega_n:.6g} rad/s")
         for n, (zeta, omega_n) in enumerate(pairs[:1] if double else pairs)
     ]
-    units = {"k0": "1/s⁴", "k1": "1/s³", "k2": "1/s²", "k3": "1/s"}
+    units = {"k0": "1/s⁴", "k1": "1/s³", "k2": "1/s²", "k3": "1/s", "omega_f": "rad/s"}
     rows += [(name, number(value, units[name], 8)) for name, value in document["gains"].items()]
     rows += [
         ("discretisation", document["method"]),
@@ -264,7 +289,8 @@ def _print_figures(document: dict[str, Any]) -> None:
     ]
     poles = [] if base is None else [f"zeta={base['zeta']:g}, omega_n={base['omega_n']:g}"]
     low, high = document["family"]["ratios"]
-    header = ("worst case", "tuned", *poles, "tuned, nominal")
+    name = "given" if document["status"] == "judged" else "tuned"
+    header = ("worst case", name, *poles, f"{name}, nominal")
     table(f"Worst case over beta_c/beta in [{low:g}, {high:g}]", header, rows)
     margins = document["margins"]
     shown = (
@@ -292,10 +318,17 @@ def _print_figures(document: dict[str, Any]) -> None:
         return
     verdict = "" if base["feasible"] else f" (which breaks: {', '.join(base['violated'])})"
     sys.stdout.write(
-        f"Worst-case {document['objective'].upper()} is {_times(base['improvement'])} times "
-        f"smaller than with zeta = {base['zeta']:g}, omega_n = {base['omega_n']:g}{verdict}, "
+        f"Worst-case {document['objective'].upper()} is {_compared(base['improvement'])} "
+        f"than with zeta = {base['zeta']:g}, omega_n = {base['omega_n']:g}{verdict}, "
         "under the same limits.\n\n"
     )
+
+
+def _compared(factor: float | None) -> str:
+    """Return how many times smaller, or larger, a worst case is than another."""
+    if factor is not None and 0 < factor < 1:
+        return f"{1 / factor:.3g} times larger"
+    return f"{_times(factor)} times smaller"
 
 
 def _times(factor: float | None) -> str:

@@ -69,6 +69,13 @@ def gains(controller: Controller) -> Program:
     return lower(POLES, {gain.name: value for gain, value in wanted.items()})
 
 
+def gains_of_pid() -> Program:
+    """Return k1, k2 and k3 of a PID in the gains of its transfer function."""
+    inputs = (laws.K_p, laws.K_i, laws.K_d, p.C_U_hat, p.C_Y_hat)
+    wanted = laws.gains_of_pid()
+    return lower(inputs, {k.name: stability.believed(value) for k, value in wanted.items()})
+
+
 def _own_constants(expressions: Iterable[sp.Expr]) -> list[sp.Symbol]:
     """Return which of beta_c, g, Y and y0 a law's coefficients are made of."""
     used = {symbol for expression in expressions for symbol in expression.free_symbols}

@@ -284,6 +284,34 @@ def lin_pid(controller: Controller) -> ControlLaw:
     )
 
 
+K_p, K_i, K_d = sp.symbols("Kp Ki Kd", positive=True)
+"""Gains of a PID as it is written for a plant's input: [V/m], [V/(m s)], [V s/m]."""
+
+
+def pid_transfer() -> Expr:
+    """Return Kp + Ki/s + Kd s omega_f/(s + omega_f), from the error y - y* to the voltage.
+
+    The magnet pulls against gravity: where the gap is too large the voltage has to rise, so that
+    all gains of y - y* are positive. Of y* - y, as many write it, they are all negative.
+    """
+    return K_p + K_i / p.s + K_d * p.s * omega_f / (p.s + omega_f)
+
+
+def gains_of_pid() -> dict[Symbol, Expr]:
+    """Return (k1, k2, k3) of :func:`lin_pid` with the transfer function :func:`pid_transfer`.
+
+    Examples
+    --------
+    >>> gains_of_pid()
+    {k1: C_U*Ki, k2: C_U*Kp - C_Y, k3: C_U*Kd}
+    """
+    gains = (p.k1, p.k2, p.k3)
+    own = lin_pid(Controller("lin-pid")).transfer()
+    difference = sp.numer(sp.together(own - pid_transfer()))
+    (found,) = sp.solve(sp.Poly(difference, p.s).coeffs(), gains, dict=True)
+    return {gain: sp.expand(found[gain]) for gain in gains}
+
+
 def _tangent(
     controller: Controller,
     states: tuple[Symbol, ...],

@@ -57,6 +57,10 @@ class Status(enum.Enum):
         "The search was stopped early: this is the best design found so far, not an optimum. Run "
         "it again to the end before relying on it."
     )
+    JUDGED = (
+        "This controller was given, not searched for: it is judged as it is, and nothing says that "
+        "no other does better."
+    )
     INFEASIBLE = "No poles in the search box meet every limit: relax the tightest one or the box."
 
 
@@ -133,8 +137,9 @@ class Verification:
 
 @dataclass(frozen=True)
 class Baseline:
-    """Poles to compare with, and what they do under the same limits."""
+    """Poles to compare with, and what they do in `problem`, which has the same limits."""
 
+    problem: TuningProblem
     poles: PoleSpec
     figures: Figures
     verification: Verification
@@ -179,7 +184,7 @@ class TuneResult:
     alternatives : tuple of Alternative
     landscape : Landscape
     evaluations : int
-        Closed loops simulated.
+        Closed loops that the search simulated.
     """
 
     status: Status
@@ -213,7 +218,7 @@ class Unstabilisable:
 
 def judge(problem: TuningProblem, poles: PoleSpec) -> Figures:
     """Return the figures of `poles` over the whole family, every limit at its worst."""
-    search = Search(problem, lambda *_: None, clamped=True)
+    search = Search(problem, lambda *_: None, clamped=True, fixed=poles)
     x = np.log(poles.values if problem.distinct else poles.first)
     low, high = problem.family.ratios
     case, (ratio, worst) = max(
@@ -376,10 +381,7 @@ def _judged(
     problem = search.problem
     poles = problem.poles(found.x)
     figures = judge(problem, poles)
-    compared = None
-    if baseline is not None:
-        other = judge(problem, baseline)
-        compared = Baseline(baseline, other, verify(problem, baseline, other))
+    compared = None if baseline is None else judged_baseline(problem, baseline)
     report("judging and verifying", 0.3)
     alternatives = (*planned, *_alternatives(problem, poles))
     report("judging and verifying", 0.6)
@@ -405,6 +407,12 @@ def _judged(
         landscape=search.landscape,
         evaluations=search.evaluations,
     )
+
+
+def judged_baseline(problem: TuningProblem, poles: PoleSpec) -> Baseline:
+    """Return what other poles do in the same problem."""
+    figures = judge(problem, poles)
+    return Baseline(problem, poles, figures, verify(problem, poles, figures))
 
 
 def verify(problem: TuningProblem, poles: PoleSpec, figures: Figures) -> Verification:

@@ -99,11 +99,13 @@ class Search:
     """The state of one search: evaluations are counted and the best feasible point is kept.
 
     ``progress`` is told the stage before every evaluation, and may raise KeyboardInterrupt there.
+    ``fixed`` are poles that are judged and not moved: they need not lie in the box.
     """
 
     problem: TuningProblem
     progress: Progress
     clamped: bool
+    fixed: PoleSpec | None = None
     evaluations: int = 0
     best: Candidate | None = None
     landscape: Landscape | None = None
@@ -120,7 +122,7 @@ class Search:
         new = [key for key in dict.fromkeys(keys) if (*key, gradients) not in self._runs]
         if new:
             self.evaluations += len(new)
-            poles = self.problem.poles(x)
+            poles = self.fixed or self.problem.poles(x)
             trials = [(poles, *pair) for _, pair in new]
             found = runs(self.problem, trials, gradients=gradients, clamped=self.clamped)
             for key, run in zip(new, found, strict=True):

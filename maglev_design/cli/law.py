@@ -1,0 +1,24 @@
+"""Which law the command line names, with the options of the PID."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from maglev_design.choices import Controller, ControllerName
+from maglev_design.errors import InputError
+
+
+def chosen_law(name: ControllerName, options: Mapping[str, Any]) -> Controller:
+    """Return the law with its options; those of the PID are refused for the others."""
+    given = {option: value for option, value in options.items() if value is not None}
+    if given and name != "lin-pid":
+        names = ", ".join(f"--{option}" for option in given)
+        raise InputError(
+            f"{names}: only for --controller lin-pid, not for {name}, which leaves nothing open"
+        )
+    ratio = given.get("filter", 1.0)
+    if not (math.isfinite(ratio) and ratio > 0):
+        raise InputError(f"filter = {ratio!r}: must be a finite number greater than 0 [-]")
+    return Controller(name, **given)
