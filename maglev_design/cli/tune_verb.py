@@ -9,6 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from maglev_design.choices import METHODS, Equilibrium, Method, Scenarios
+from maglev_design.cli.emulated_text import (
+    emulated_headline,
+    emulated_warnings,
+    print_emulated,
+)
 from maglev_design.cli.output import (
     number,
     print_json,
@@ -51,9 +56,12 @@ def tune(request: Request, output: Path | None, *, force: bool, as_json: bool) -
     from maglev_design.certify.lyapunov.lmi import certify_family  # noqa: PLC0415
     from maglev_design.certify.margins import sampled_margins  # noqa: PLC0415
     from maglev_design.record import make_record, save  # noqa: PLC0415
+    from maglev_design.simulate import designed_for  # noqa: PLC0415
     from maglev_design.tune import Status, Unstabilisable  # noqa: PLC0415
 
     rig = load_rig(request.rig)
+    if request.scenarios == "emulated":
+        rig = designed_for(rig)
     folder = output_folder(output, force=force) if output else None
     with progress_bar() as progress:
         result = _solve(rig, request, progress)
@@ -84,10 +92,7 @@ def tune(request: Request, output: Path | None, *, force: bool, as_json: bool) -
             from maglev_design.report.plots.design import design_figures  # noqa: PLC0415
 
             written = save(record, folder) + design_figures(record.curves, record.document, folder)
-    if as_json:
-        print_json(record.document)
-    else:
-        _print(record.document)
+    _show(record.document, as_json=as_json)
     for path in written:
         say(f"written: {path}")
     for text in _warnings(rig, record.document):
@@ -205,9 +210,23 @@ def _warnings(rig: Rig, document: dict[str, Any]) -> list[str]:
     return found
 
 
+def _show(document: dict[str, Any], *, as_json: bool) -> None:
+    """Print the result, what a lost ball says first."""
+    for text in emulated_warnings(document):
+        warn(text)
+    if as_json:
+        print_json(document)
+    else:
+        _print(document)
+
+
 def _print(document: dict[str, Any]) -> None:
     _print_design(document)
     _print_figures(document)
+    headline = emulated_headline(document)
+    if headline is not None:
+        sys.stdout.write(f"{headline}\n\n")
+    print_emulated(document)
     _print_limits(document)
     _print_certificate(document["certificate"])
     _print_alternatives(document)
