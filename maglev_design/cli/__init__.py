@@ -318,7 +318,11 @@ def tune(
         typer.Option(help="Voltage made by sensor noise [V]; default 5 % of the range."),
     ] = None,
     scenarios: Annotated[
-        Scenarios, typer.Option(help="robust adds noise and both signs of the initial error.")
+        Scenarios,
+        typer.Option(
+            help="robust adds noise and both signs of the initial error; emulated tunes on the rig "
+            "of [emulator], at its period."
+        ),
     ] = "nominal",
     poles: Annotated[
         Literal["double", "distinct"],

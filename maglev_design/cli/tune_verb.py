@@ -9,6 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from maglev_design.choices import METHODS, TAN_GPI, Equilibrium, Method, Scenarios
+from maglev_design.cli.emulated_text import (
+    emulated_headline,
+    emulated_warnings,
+    print_emulated,
+)
 from maglev_design.cli.output import (
     number,
     print_json,
@@ -51,9 +56,12 @@ class Request:
 
 def tune(request: Request, output: Path | None, *, force: bool, as_json: bool) -> None:
     """Solve, print, save; the exit code says how it ended."""
+    from maglev_design.simulate import designed_for  # noqa: PLC0415
     from maglev_design.tune import Status, Unstabilisable  # noqa: PLC0415
 
     rig = load_rig(request.rig)
+    if request.scenarios == "emulated":
+        rig = designed_for(rig)
     folder = output_folder(output, force=force) if output else None
     with progress_bar() as progress:
         result = _solve(rig, request, progress)
@@ -70,6 +78,8 @@ def tune(request: Request, output: Path | None, *, force: bool, as_json: bool) -
                 )
             raise InfeasibleError(_hopeless(rig, result), "spectral radius")
         record, written = recorded(result, folder, progress, pareto=request.pareto)
+    for text in emulated_warnings(record.document):
+        warn(text)
     if as_json:
         print_json(record.document)
     else:
@@ -232,6 +242,10 @@ def show(document: dict[str, Any]) -> None:
     """Print a design as tables that a person reads."""
     _print_design(document)
     _print_figures(document)
+    headline = emulated_headline(document)
+    if headline is not None:
+        sys.stdout.write(f"{headline}\n\n")
+    print_emulated(document)
     _print_limits(document)
     _print_certificate(document["certificate"])
     if document["alternatives"]:

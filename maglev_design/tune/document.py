@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from maglev_design.choices import Scenarios
 from maglev_design.design import Design
 from maglev_design.simulate.independent import INTEGRATOR
 from maglev_design.tune.problem import TuningProblem
@@ -28,7 +29,7 @@ def as_json(result: TuneResult) -> dict[str, Any]:
         "beta_error": problem.beta_error,
         "beta_error_given": problem.given_beta_error,
         "family": family_as_data(problem),
-        "scenarios": "robust" if any(case.flipped for case in problem.cases) else "nominal",
+        "scenarios": scenarios_of(problem),
         "seed": problem.seed,
         "bounds": {"zeta": list(problem.bounds[0]), "omega_n": list(problem.bounds[1])},
         "zeta": result.poles.first[0],
@@ -46,6 +47,7 @@ def as_json(result: TuneResult) -> dict[str, Any]:
             | {"value": c.value, "satisfied": c.satisfied}
             for c in figures.constraints
         ],
+        "emulated": result.emulated and result.emulated.as_dict(),
         "verification": _verification(problem, result.verification),
         "alternatives": [
             {
@@ -64,6 +66,13 @@ def as_json(result: TuneResult) -> dict[str, Any]:
         ],
         "evaluations": result.evaluations,
     }
+
+
+def scenarios_of(problem: TuningProblem) -> Scenarios:
+    """Return what was tuned on."""
+    if problem.emulated_runs is not None:
+        return "emulated"
+    return "robust" if len(problem.cases) > 1 else "nominal"
 
 
 def family_as_data(problem: TuningProblem) -> dict[str, Any]:

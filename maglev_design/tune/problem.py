@@ -42,6 +42,7 @@ from maglev_design.simulate import (
     Metrics,
     Scenario,
     build,
+    designed_for,
     mirrored,
     nominal_scenario,
     pole_tangent,
@@ -140,6 +141,8 @@ class TuningProblem:
         Which law.
     gains : tuple of float or None
         The law's, where somebody gives them; poles are placed where they are None.
+    emulated_runs : LoopGraph or None
+        The loop on the emulated rig, where that is what is tuned.
     given_beta_error : float or None
         Half the width of the interval of beta_c/beta where it was asked for.
     """
@@ -163,6 +166,7 @@ class TuningProblem:
     controller: Controller = TAN_GPI
     gains: tuple[float, ...] | None = None
     given_beta_error: float | None = None
+    emulated_runs: LoopGraph | None = None
 
     @property
     def beta_error(self) -> float:
@@ -277,6 +281,8 @@ def build_problem(
             f"objective {objective!r} is unknown{nearest(objective, OBJECTIVES)}; "
             f"known: {', '.join(OBJECTIVES)}"
         )
+    if scenarios == "emulated":
+        rig = designed_for(rig)
     believed = believed_equilibrium(rig, equilibrium, voltage=voltage)
     over = loops.family(rig, equilibrium, beta_error)
     if not max_ms > 1:
@@ -330,6 +336,9 @@ def build_problem(
         controller=controller,
         gains=gains,
         given_beta_error=beta_error,
+        emulated_runs=build(rig, chosen, controller=controller, emulate=True)
+        if scenarios == "emulated"
+        else None,
     )
 
 

@@ -16,6 +16,13 @@ from maglev_design.design import Design, PoleSpec, believed_equilibrium
 from maglev_design.interrupt import deferred
 from maglev_design.parameters import MOST_DELAYED_PERIODS
 from maglev_design.simulate import Metrics, resimulate
+from maglev_design.tune.emulated import (
+    EmulatedRow,
+    emulated_limits,
+    emulated_row,
+    optimum,
+    relaxed_optimum,
+)
 from maglev_design.tune.problem import (
     Case,
     Constraint,
@@ -185,6 +192,8 @@ class TuneResult:
     landscape : Landscape
     evaluations : int
         Closed loops that the search simulated.
+    emulated : EmulatedRow or None
+        The design on the emulated rig; None where the rig emulates nothing.
     """
 
     status: Status
@@ -197,6 +206,7 @@ class TuneResult:
     alternatives: tuple[Alternative, ...]
     landscape: Landscape | None
     evaluations: int
+    emulated: EmulatedRow | None = None
 
     @property
     def improvement(self) -> float | None:
@@ -229,7 +239,7 @@ def judge(problem: TuningProblem, poles: PoleSpec) -> Figures:
     runs = search.runs(x, [(case, float(r)) for case in problem.cases for r in ratios])
     limits: dict[str, Constraint] = {}
     simulated = [c for r in (*runs, worst) for c in r.constraints]
-    proved = certificate(problem, poles)
+    proved = (*certificate(problem, poles), *emulated_limits(problem, poles))
     values, over = poles.values, problem.family
     radius = loops.spectral_radius(problem.loop, values, over).value
     for limit in (*linear_constraints(problem, poles), *simulated, *proved):
@@ -297,19 +307,24 @@ def solve(
             landscape = explore(search)
             if not stable_somewhere(landscape):
                 return _what_would_stabilise(problem)
-            found = exchange(search, list(_starts(problem, landscape)))
+            searched = exchange if problem.emulated_runs is None else optimum
+            found = searched(search, list(_starts(problem, landscape)))
         except KeyboardInterrupt:
             if search.best is None:
                 raise
             interrupted, found = True, search.best
         planned: tuple[Alternative, ...] = ()
-        if not interrupted and found.feasible:
+        relaxed: tuple[PoleSpec, float] | None = None
+        if not interrupted:
             try:
-                planned = _planned(problem, checked)
+                if problem.emulated_runs is not None:
+                    relaxed = relaxed_optimum(search, baseline)
+                elif found.feasible:
+                    planned = _planned(problem, checked)
             except KeyboardInterrupt:
                 interrupted = True
         report("judging and verifying", 0.0)
-        result = _judged(search, found, interrupted, baseline, planned, report)
+        result = _judged(search, found, interrupted, baseline, planned, relaxed, report)
         try:
             check()
         except KeyboardInterrupt:
@@ -376,6 +391,7 @@ def _judged(
     interrupted: bool,
     baseline: PoleSpec | None,
     planned: tuple[Alternative, ...],
+    relaxed: tuple[PoleSpec, float] | None,
     report: Callable[[str, float], None],
 ) -> TuneResult:
     problem = search.problem
@@ -386,6 +402,8 @@ def _judged(
     alternatives = (*planned, *_alternatives(problem, poles))
     report("judging and verifying", 0.6)
     verification = verify(problem, poles, figures)
+    design = design_at(problem, poles)
+    emulated = emulated_row(problem, design, baseline, relaxed)
     report("judging and verifying", 1.0)
     box = problem.box()
     on_bound = bool(np.any(np.abs(found.x[:, None] - box) < 1e-4))
@@ -399,13 +417,14 @@ def _judged(
         status=status,
         problem=problem,
         poles=poles,
-        design=design_at(problem, poles),
+        design=design,
         figures=figures,
         verification=verification,
         baseline=compared,
         alternatives=alternatives,
         landscape=search.landscape,
         evaluations=search.evaluations,
+        emulated=emulated,
     )
 
 

@@ -324,21 +324,23 @@ def _without_repetitions(limits: Sequence[Constraint]) -> tuple[list[float], lis
     return values, slopes
 
 
-def polish(search: Search, best: Candidate) -> Candidate:
+def polish(
+    search: Search, best: Candidate, steps: tuple[float, float] = (PATTERN_START, PATTERN_END)
+) -> Candidate:
     """Return the best point of a shrinking pattern search around `best`.
 
     For where no gradient leads: the line search of the local solver got stuck at a kink of a
     limit, or the voltage saturates; then the samples at which the integrator is frozen change one
     by one with the poles and the objective has small jumps.
     """
-    step = PATTERN_START
+    step, smallest = steps
     box = search.problem.box()
     axes = len(best.x)
     compass = [np.array(d) for d in itertools.product((-1.0, 0.0, 1.0), repeat=2) if any(d)]
     pads = [np.zeros((axes, 2)) for _ in range(axes // 2)]
     for n, pad in enumerate(pads):
         pad[2 * n : 2 * n + 2] = np.eye(2)
-    while step > PATTERN_END:
+    while step > smallest:
         trials = [best.x + step * pad @ d for pad in pads for d in compass]
         found = [search.candidate(np.clip(x, box[:, 0], box[:, 1])) for x in trials]
         better = [c for c in found if c.feasible and c.value < best.value]
