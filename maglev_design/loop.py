@@ -198,6 +198,12 @@ def family(rig: Rig, equilibrium: Equilibrium = "model", beta_error: float | Non
     return Family((float(low), float(high)), ratios, shifts, held)
 
 
+def voltage_error(rig: Rig) -> float:
+    """Return d, the relative error of a measured voltage [-]."""
+    error = rig.uncertainty.voltage
+    return DEFAULT_VOLTAGE_ERROR if error is None else error
+
+
 def loop_of(rig: Rig, design: Design, *, extra_samples: int = 0) -> Loop:
     """Return the loop of a design: its functions have no poles to depend on, and take none."""
     return build_loop(
