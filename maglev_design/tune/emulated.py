@@ -39,7 +39,7 @@ from maglev_design.tune.problem import (
     runs,
     scenario_at,
 )
-from maglev_design.tune.search import Candidate, Landscape, Search, exchange, polish
+from maglev_design.tune.search import Candidate, Landscape, Search, exchange, pattern_search
 
 T = TypeVar("T")
 
@@ -417,7 +417,7 @@ def _best_from(search: EmulatedSearch, begin: Sequence[Array]) -> Candidate:
     for count, x in enumerate(begin):
         search.stage = ("emulated rig", (1 + count) / (1 + len(begin)))
         first = search.candidate(x)
-        found.append(polish(search, first, STEPS))
+        found.append(pattern_search(search, first, STEPS))
     return min(found, key=lambda c: (max(0.0, -c.tightest.slack), c.value))
 
 
