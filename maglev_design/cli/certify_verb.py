@@ -183,7 +183,8 @@ def _figures(region: _Region | None, folder: Path) -> tuple[Path, ...]:
     if region is None:
         return ()
     curves = region_curves(region.guaranteed, region.whole, region.near)
-    title = f"Initial errors that the continuous law survives, regulating at {1e3 * region.whole.gap:.4g} mm"
+    gap = f"{1e3 * region.whole.gap:.4g} mm"
+    title = f"Initial errors that the continuous law survives, regulating at {gap}"
     with house_style():
         figure = region_figure(curves, title)
         return tuple(save_figure(figure, folder / f"region{end}") for end in (".png", ".svg"))
