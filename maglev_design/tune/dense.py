@@ -49,7 +49,7 @@ def least_objective(objective: Array, slacks: Mapping[str, Array]) -> Array:
 
 def least_violation(_: Array, slacks: Mapping[str, Array]) -> Array:
     """Return by how much the limit that is broken most is broken."""
-    return -np.min(list(slacks.values()), axis=0)
+    return np.asarray(-np.min(list(slacks.values()), axis=0))
 
 
 def least_breach_of(names: Sequence[str]) -> Score:
