@@ -157,8 +157,13 @@ def _assumptions(controller: Controller) -> list[str]:
         drive,
         f"The voltage of a sample acts {rig.sampling.delay:g} s after it and is held for "
         f"{rig.sampling.period:g} s.",
-        "The gap is measured without error; noise and steps of the sensor are not in the worst "
-        "case, unless it says so.",
+        "The gap is measured without error"
+        + (
+            ", and with the noise of the rig file; the worst of these runs and of both signs of "
+            "the initial error counts."
+            if record.document["scenarios"] == "robust"
+            else "; noise and steps of the sensor are not in the worst case."
+        ),
         f"The plants are {plants}: beta_c/beta in [{low:.4g}, {high:.4g}], {y0}, linearised at "
         f"gaps of {family['gaps'][0]:g} to {family['gaps'][1]:g} m. The controller's numbers stay.",
         f"beta_c = {design.believed.beta:.6g} m^3/(s^2 V^2). Its numbers came from the reading "
