@@ -334,7 +334,7 @@ def certificate_check(record: DesignRecord) -> str:
         (found,) = certify_family(
             record.design,
             record.rig,
-            beta_error=document["beta_error"],
+            beta_error=document["beta_error_given"],
             bisect=False,
             loops=("sampled",),
         )

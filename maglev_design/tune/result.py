@@ -454,7 +454,7 @@ def _judged(
     figures = judge(problem, poles)
     compared = None if baseline is None else judged_baseline(problem, baseline)
     report("judging and verifying", 0.3)
-    alternatives = (*planned, *_alternatives(problem, poles))
+    alternatives = (*planned, *alternatives_of(problem, poles))
     report("judging and verifying", 0.6)
     verification = verify(problem, poles, figures)
     design = design_at(problem, poles)
@@ -538,7 +538,7 @@ def _planned(
     return (Alternative("planning", "measured", poles, judge(other, poles), True),)
 
 
-def _alternatives(problem: TuningProblem, poles: PoleSpec) -> tuple[Alternative, ...]:
+def alternatives_of(problem: TuningProblem, poles: PoleSpec) -> tuple[Alternative, ...]:
     """Return the same poles under the other equilibrium readings and discretisations.
 
     Readings of a voltage that the rig does not give are left out.
