@@ -44,15 +44,16 @@ def emulated_headline(document: dict[str, Any]) -> str | None:
         return None
     parts = [
         f"{label} ITAE {own['itae']['median']:.2g} against {theirs['itae']['median']:.2g} m s² "
-        f"with {own['total_variation']['median'] / theirs['total_variation']['median']:.2g} times "
-        f"the voltage variation (lost: {own['lost']} and {theirs['lost']} of {own['seeds']})"
+        f"and voltage variation {own['total_variation']['median']:.3g} against "
+        f"{theirs['total_variation']['median']:.3g} V (balls lost: {own['lost']} and "
+        f"{theirs['lost']} of {own['seeds']})"
         for label, own, theirs in losing
     ]
     return (
         "On the emulated rig, which no ideal figure knows of, the design loses to "
         f"zeta = {base['zeta']:g}, omega_n = {base['omega_n']:g}: {'; '.join(parts)}. "
         + (
-            "A larger --max-ms gives poles that win: see below."
+            "What a larger --max-ms brings stands below."
             if document["scenarios"] == "emulated" and found["relaxed"] is not None
             else "`tune --scenarios emulated` designs for that rig."
         )
