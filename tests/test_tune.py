@@ -249,7 +249,7 @@ def test_the_promise_is_kept_by_the_one_controller_on_every_plant(result: TuneRe
         plant = rig.plant.gravity * rig.operating_point.gap**2 / (held * volts) ** 2
         seen.append(simulate(loop, design, nominal_scenario(rig, plant)).metrics.itae)
     assert max(seen) == pytest.approx(figures.worst.itae, rel=1e-6)
-    assert max(seen) > 1.5 * min(seen)  # one U on all of them: the ratio matters
+    assert max(seen) > 1.1 * min(seen)  # one U on all of them: the ratio matters
 
 
 def test_the_landscape_knows_where_the_answer_is(result: TuneResult) -> None:
@@ -424,7 +424,9 @@ def test_progress_goes_through_every_stage_in_order(problem: TuningProblem) -> N
     narrow = replace(problem, bounds=np.array([[0.9, 1.3], [80.0, 110.0]]))
     solved(narrow, lambda stage, done: seen.append((stage, done)))
     stages = list(dict.fromkeys(stage for stage, _ in seen))
-    assert stages == ["global grid", "local solver", "judging and verifying"]
+    searches = ["global grid", "local solver"]
+    planned = [f"with U measured: {stage}" for stage in searches]
+    assert stages == [*searches, *planned, "judging and verifying"]
     for stage in stages:
         shares = [done for name, done in seen if name == stage]
         assert shares == sorted(shares)
@@ -563,7 +565,7 @@ def test_every_method_is_tuned_and_the_best_is_kept() -> None:
         patch.setattr(search, "GRID", 5)
         found = solve_every_method(problems)  # type: ignore[arg-type]
     assert isinstance(found, TuneResult)
-    tuned = [a for a in found.alternatives if a.tuned]
+    tuned = [a for a in found.alternatives if a.tuned and a.kind == "method"]
     assert {found.problem.method, *(a.name for a in tuned)} == {"euler", "tustin"}
     assert all(a.figures.worst.itae >= found.figures.worst.itae for a in tuned)
     assert {a.name for a in found.alternatives if a.kind == "method"} == (
@@ -580,7 +582,7 @@ NAN = math.nan
     ("arguments", "message"),
     [
         ({"objective": "itea"}, r"'itea' is unknown \(did you mean 'itae'\?\)"),
-        ({"beta_error": 1.0}, "beta error = 1.0: must be 0 or more and less than 1"),
+        ({"beta_error": 1.0}, "beta error = 1.0 .*less than 1"),
         ({"beta_error": -0.1}, "beta error"),
         ({"beta_error": NAN}, "beta error"),
         ({"max_ms": 1.0}, "max-ms = 1.0: must be greater than 1"),
@@ -641,7 +643,9 @@ def test_the_papers_poles_are_beaten_by_the_known_factor(paper_result: TuneResul
 
 
 def test_euler_with_saturation_is_a_trap_on_the_papers_rig(paper_rig: Rig) -> None:
-    problem = build_problem(paper_rig, method="euler", allow_saturation=True)
+    problem = build_problem(
+        paper_rig, method="euler", allow_saturation=True, max_noise_voltage=math.inf
+    )
     tuned = judge(problem, PoleSpec.double(*EULER_TRAP))
     base = judge(problem, PoleSpec.double(*reference.POLES))
     assert tuned.feasible

@@ -375,7 +375,7 @@ def solve(
                 if problem.emulated_runs is not None:
                     relaxed = relaxed_optimum(search, baseline)
                 elif found.feasible:
-                    planned = _planned(problem, checked)
+                    planned = _planned(problem, _named(checked, "with U measured"))
             except KeyboardInterrupt:
                 interrupted = True
         report("judging and verifying", 0.0)
