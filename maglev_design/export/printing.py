@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from maglev_design import __version__
+from maglev_design.choices import Controller as Law
 from maglev_design.choices import Target
 from maglev_design.export.controller import OUTPUTS, SIGNALS, STATES, Controller, doubts
 from maglev_design.export.misra import DEVIATIONS
@@ -110,6 +111,7 @@ def _context(controller: Controller, target: Target, rows: int) -> dict[str, Any
         },
         "samples": samples,
         "every": max(1, samples // EXAMPLE_ROWS),
+        "law": law_in_words(design.controller),
         "method": design.method,
         "equilibrium": design.equilibrium,
         "gaps": [f"{gap:g}" for gap in (min(gaps), max(gaps))],
@@ -128,6 +130,11 @@ def _context(controller: Controller, target: Target, rows: int) -> dict[str, Any
         "deviations": DEVIATIONS,
         "cortex_m4": " ".join(CORTEX_M4),
     }
+
+
+def law_in_words(controller: Law) -> str:
+    """Return a law's name, with what differs from its default."""
+    return controller.name.upper() + (f" ({controller.variant})" if controller.variant else "")
 
 
 def _shown(value: float | None) -> str:
