@@ -180,10 +180,11 @@ def plant_betas(rig: Rig, design: Design, drawn: dict[str, Array]) -> Array | fl
         parts = [drawn.get(name, getattr(rig.plant, name)) for name in BETA_PARTS]
         (beta,) = designs.beta_program().numpy()(*parts)
         return np.asarray(beta, dtype=float)
-    beta = design.beta_at(drawn.get(RATIO, 1.0))
+    ratio = drawn.get(RATIO, 1.0)
     if design.equilibrium != "measured":
-        return beta
-    over, plant = family(rig, design.equilibrium), rig.plant
-    shift = drawn.get("gap_offset", plant.gap_offset) - plant.gap_offset
-    heavier = drawn.get("gravity", plant.gravity) / plant.gravity
-    return beta * heavier / over.ratio_at(1.0, shift)
+        return design.believed.beta / ratio
+    gravity, offset = (drawn.get(x, getattr(rig.plant, x)) for x in ("gravity", "gap_offset"))
+    voltage = design.believed.U * np.sqrt(ratio)
+    held = designs.believed_program("measured").numpy()
+    *_, beta = held(gravity, design.believed.beta, design.Y, offset, voltage)
+    return np.asarray(beta, dtype=float)
