@@ -29,6 +29,7 @@ from maglev_design.errors import InputError
 from maglev_design.parameters import Rig, load_rig
 from maglev_design.plain import finite
 from maglev_design.sweep import executors
+from maglev_design.tune.document import difference_equation
 
 SLOW = 240
 """[s] A start costs seconds, more on a busy machine."""
@@ -129,6 +130,10 @@ def save_design(folder: Path, rig: Rig, zeta: float, omega_n: float) -> Path:
     document = {
         "schema_version": SCHEMA_VERSION,
         "kind": record.KIND,
+        "record_version": record.RECORD_VERSION,
+        "gains": design.named_gains,
+        "difference_equation": difference_equation(design),
+        "controller_sha256": design.sha256,
         "rig": record.rig_as_data(rig),
         "design": record.design_as_data(design),
     }
@@ -201,6 +206,8 @@ def test_saved_designs_run_the_same_scenarios(rig_file: str, tmp_path: Path) -> 
     )
     second = both["designs"][1]
     assert second["quantiles"] == made["quantiles"]
+    assert second["controller_sha256"] == record.load(paths[1]).design.sha256
+    assert second["controller_sha256"] != both["designs"][0]["controller_sha256"]
     assert [one["drawn"] for one in second["worst"]] == [one["drawn"] for one in made["worst"]]
     # The uncertainty of another file, for the same plant.
     other = tmp_path / "other.toml"
@@ -212,12 +219,16 @@ def test_saved_designs_run_the_same_scenarios(rig_file: str, tmp_path: Path) -> 
 def test_a_design_for_another_plant_is_refused(rig_file: str, tmp_path: Path) -> None:
     heavy = rig_with(SHORT, {"plant.mass": 0.03})
     path = save_design(tmp_path, heavy, 1.0, 70.0)
-    with pytest.raises(InputError, match=r"plant.mass = 0.03, not 0.02; tune again"):
+    with pytest.raises(
+        InputError, match=r"plant.mass = 0.03, not 0.02 as .*rig.toml has it; tune again"
+    ):
         swept(tmp_path / "out", rig=rig_file, designs=(path,))
     other = tmp_path / "two"
     other.mkdir()
     second = save_design(other, rig_with(SHORT, {"plant.mass": 0.03, "noise.input": 0}), 1.0, 70.0)
-    with pytest.raises(InputError, match=r"noise.input = 0.0, not 0.001; say with --rig"):
+    with pytest.raises(
+        InputError, match=r"two.*noise.input = 0.0, not 0.001 as .*design.json has it; say"
+    ):
         swept(tmp_path / "out", designs=(path, second))
 
 
@@ -227,6 +238,7 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"chunk": 3}, "chunk = 3: must be a multiple of 4"),
     ({"controllers": ("tangpi",)}, "did you mean 'tan-gpi'"),
     ({"zeta": -1.0}, "zeta = -1.0: must be"),
+    ({"equilibrium": "measured"}, "operating_point.voltage [V] is missing"),
     ({"rig": "nowhere.toml"}, "nowhere.toml: cannot be read"),
     ({"designs": (Path("nowhere.json"),)}, "nowhere.json: cannot be read"),
     ({"designs": (Path("x.json"),), "omega_n": 3.0}, "--omega-n: belongs to --controller"),

@@ -180,7 +180,7 @@ def test_without_parts_of_beta_the_ratio_is_drawn(ratio_rig: Rig) -> None:
     assert list(drawn) == ["ratio"]
     assert 0.8 < drawn["ratio"].min() < 0.801
     assert 1.199 < drawn["ratio"].max() < 1.2
-    betas = draws.plant_betas(ratio_rig, drawn)
+    betas = draws.plant_betas(ratio_rig, tan(ratio_rig), drawn)
     assert betas == pytest.approx(plant_beta(ratio_rig) / drawn["ratio"], rel=1e-15)
 
 
@@ -190,7 +190,7 @@ def test_with_parts_of_beta_it_is_that_of_a_rig_with_the_drawn_values(wide_rig: 
     )
     drawn = draws.draw(also, "sobol", 1, 16, 0, 16)
     assert list(drawn) == list(DRAWN)  # and no ratio
-    betas = np.broadcast_to(draws.plant_betas(also, drawn), 16)
+    betas = np.broadcast_to(draws.plant_betas(also, tan(also), drawn), 16)
     for k in range(16):
         names = ("mass", "current_gain", "force_constant")
         plant = also.plant.model_copy(update={name: float(drawn[name][k]) for name in names})
@@ -212,25 +212,21 @@ def alone(rig: Rig, design: Design, one: Scenario) -> dict[str, float]:
     return scenarios.of_summary(Summary(response.metrics, total_variation(response), {}))
 
 
-def by_hand(rig: Rig, design: Design, drawn: dict[str, float], *, index: int, seed: int) -> Any:
-    """Return design and scenario for drawn values, put together without the sweep."""
+def by_hand(
+    rig: Rig, design: Design, drawn: dict[str, float], *, index: int, seed: int
+) -> Scenario:
+    """Return the scenario for drawn values, put together without the sweep."""
     plant = rig.plant
     m, c, k, g, y0 = (
         drawn.get(name, getattr(plant, name))
         for name in ("mass", "current_gain", "force_constant", "gravity", "gap_offset")
     )
-    beta = k * c**2 / m if "ratio" not in drawn else plant_beta(rig) / drawn["ratio"]
-    if design.equilibrium != "model":
-        voltage = math.sqrt(g / beta) * (design.Y + y0)
-        point = rig.operating_point.model_copy(update={"voltage": voltage})
-        design = make_design(
-            rig.model_copy(update={"operating_point": point}),
-            design.poles,
-            controller=design.controller,
-            equilibrium=design.equilibrium,
-            method=design.method,
-        )
-    one = Scenario(
+    if design.equilibrium == "measured":
+        voltage = design.believed.U * math.sqrt(drawn["ratio"])
+        beta = g * ((design.Y + y0) / voltage) ** 2
+    else:
+        beta = k * c**2 / m if "ratio" not in drawn else plant_beta(rig) / drawn["ratio"]
+    return Scenario(
         beta,
         drawn.get("initial_gap", rig.initial.gap),
         drawn.get("initial_velocity", rig.initial.velocity),
@@ -242,19 +238,19 @@ def by_hand(rig: Rig, design: Design, drawn: dict[str, float], *, index: int, se
         input_noise=drawn.get("input_noise", rig.noise.input),
         position_noise=drawn.get("position_noise", rig.noise.position),
     )
-    return design, one
 
 
+VOLTAGE: dict[str, Any] = {"operating_point.voltage": 2.1, "uncertainty.voltage": 0.02}
 LOOPS: list[tuple[str, Equilibrium, Controller, dict[str, Any]]] = [
     ("all drawn", "model", Controller(), EVERYTHING),
-    ("measured", "measured", Controller(), EVERYTHING),
-    ("appendix a, ratio", "appendix-a", Controller(), {"uncertainty.beta": 0.2}),
+    ("measured", "measured", Controller(), EVERYTHING | VOLTAGE),
+    ("appendix a, ratio", "appendix-a", Controller(), {"uncertainty.beta": 0.2} | VOLTAGE),
     ("bumpless", "model", Controller("lin-pid", start="bumpless"), EVERYTHING),
     (
         "held voltages",
         "measured",
         Controller("fee-gpi"),
-        EVERYTHING | {"sampling.delay": 0.0015},
+        EVERYTHING | VOLTAGE | {"sampling.delay": 0.0015},
     ),
 ]
 
@@ -272,10 +268,10 @@ def test_a_scenario_of_a_chunk_is_the_loop_it_says_it_is(
     design = tan(rig, controller=controller, equilibrium=equilibrium)
     setup = sweeps.make_setup(rig, (design,), samples=11, seed=9, chunk=4, backend=backend)
     arrays = scenarios.run_chunk(setup, 2)  # scenarios 8, 9 and 10
-    drawn = {name: arrays[f"drawn_{name}"] for name in draws.drawn_spreads(rig)}
+    drawn = {name: arrays[f"drawn_{name}"] for name in setup.spreads}
     for n in range(3):
         own = {name: float(column[n]) for name, column in drawn.items()}
-        figures = alone(rig, *by_hand(rig, design, own, index=8 + n, seed=9))
+        figures = alone(rig, design, by_hand(rig, design, own, index=8 + n, seed=9))
         for name, value in figures.items():
             found = arrays[f"0_{name}"][n]
             scale = 1e-2 if name == "final_error" else abs(value)  # a difference of two gaps
@@ -283,11 +279,42 @@ def test_a_scenario_of_a_chunk_is_the_loop_it_says_it_is(
             assert close or (math.isnan(found) and math.isnan(value)), (name, found, value)
 
 
-def test_a_stated_voltage_is_what_the_controller_learns() -> None:
-    rig = rig_with(OFFSET, {"operating_point.voltage": 7.0, "uncertainty.beta": 0.1})
-    setup = sweeps.make_setup(rig, (tan(rig, equilibrium="measured"),), samples=4)
-    drawn = sweeps.plants(setup, 0, 4)
-    assert sweeps.beliefs(rig, setup.designs[0], drawn) == {}
+def test_under_measured_every_plant_holds_the_ball_at_Y_with_its_own_voltage() -> None:
+    changes = {
+        "operating_point.voltage": 7.0,
+        "uncertainty.voltage": 0.03,
+        "uncertainty.beta": 0.4,
+        "uncertainty.mass": [0.01, 0.5],
+        "uncertainty.gravity": [9.7, 9.9],
+        "uncertainty.gap_offset": [0.001, 0.004],
+    }
+    rig = rig_with(OFFSET, changes)
+    design = tan(rig, equilibrium="measured")
+    setup = sweeps.make_setup(rig, (design,), samples=64, sampling="sobol")
+    drawn = sweeps.plants(setup, 0, 64)
+    assert list(drawn.drawn) == ["ratio", "gravity", "gap_offset"]  # neither u nor the mass
+    ratios, own = drawn.drawn["ratio"], drawn.values
+    assert 0.97**2 < ratios.min() < 0.95
+    assert 1.05 < ratios.max() < 1.03**2
+    voltages = np.sqrt(own["gravity"] / own["beta_plant"]) * (design.Y + own["gap_offset"])
+    assert voltages == pytest.approx(7.0 * np.sqrt(ratios), rel=1e-12)
+    assert np.ptp(own["gap_offset"]) > 0.002
+
+
+def test_without_a_stated_error_of_the_voltage_it_is_one_percent() -> None:
+    rig = rig_with(SHORT, {"operating_point.voltage": 2.1})
+    spread = draws.drawn_spreads(rig, "measured")["ratio"]
+    assert spread.reach == pytest.approx((0.99**2, 1.01**2), rel=1e-15)
+
+
+def test_designs_of_two_families_are_refused_and_both_are_named() -> None:
+    rig = rig_with(SHORT, {"operating_point.voltage": 2.1, "uncertainty.beta": 0.1})
+    model, measured, appendix = (
+        tan(rig, equilibrium=name) for name in ("model", "measured", "appendix-a")
+    )
+    with pytest.raises(InputError, match=r"'model' with beta_c.*'measured' with beta_c"):
+        sweeps.make_setup(rig, (model, measured), samples=4)
+    assert sweeps.make_setup(rig, (model, appendix), samples=4).spreads.keys() == {"ratio"}
 
 
 def test_noise_is_on_where_the_rig_has_some() -> None:

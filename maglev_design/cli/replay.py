@@ -89,10 +89,10 @@ def _plants(
     """Return the scenario as it was drawn: stored among the worst, or drawn again."""
     if drawn is None:
         return sweeps.plants(setup, k, 1)
-    if set(drawn) != set(sweeps.drawn_spreads(setup.rig)):
+    if set(drawn) != set(setup.spreads):
         raise InputError(f"{path}: damaged: what was drawn in scenario {k} is not all there")
     columns = {name: np.array([value]) for name, value in drawn.items()}
-    return sweeps.plants_of(setup.rig, k, 1, columns)
+    return sweeps.plants_of(setup, k, 1, columns)
 
 
 def difference(found: Replayed, response: Response) -> float | None:

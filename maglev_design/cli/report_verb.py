@@ -6,7 +6,9 @@ import sys
 from pathlib import Path
 from typing import Literal
 
+from maglev_design.choices import TAN_GPI
 from maglev_design.cli.output import print_json, progress_bar, say, warn
+from maglev_design.errors import InputError
 from maglev_design.files import output_folder
 from maglev_design.record import load
 from maglev_design.report import pdf_form
@@ -23,6 +25,12 @@ def report(
 ) -> None:
     """Read a design record, write its report, name the files."""
     record = load(design)
+    law = record.design.controller.name
+    if law != TAN_GPI.name:
+        raise InputError(
+            f"{design}: its law is {law}: a report is written of {TAN_GPI.name} only, whose "
+            "derivation it shows; simulate, sweep and certify take this design"
+        )
     forms: tuple[Form, ...] = FORMS if form == "all" else (form,)
     if form == "all" and pdf_form.tool() is None:
         forms = tuple(f for f in forms if f != "pdf")

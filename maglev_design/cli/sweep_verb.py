@@ -184,7 +184,8 @@ def _rig_and_designs(request: Request) -> tuple[Rig, tuple[Design, ...]]:
     else:
         rig = records[0].rig
     for path, record in zip(request.designs, records, strict=True):
-        _same_rig(path, record, rig, named=request.rig is not None)
+        against = request.rig or request.designs[0]
+        _same_rig(path, record, rig, against=str(against), named=request.rig is not None)
     designs = [record.design for record in records]
     if made:
         zeta, omega_n = PAPER_POLES
@@ -215,7 +216,7 @@ def _controller(word: str) -> Controller:
     return Controller(name)
 
 
-def _same_rig(path: Path, record: DesignRecord, rig: Rig, *, named: bool) -> None:
+def _same_rig(path: Path, record: DesignRecord, rig: Rig, *, against: str, named: bool) -> None:
     """Refuse a design that was made for another plant, or whose scenarios are not the same."""
     own, other = record.rig.model_dump(), rig.model_dump()
     sections = [name for name in own if name not in ("name", "source", "notes")]
@@ -230,27 +231,35 @@ def _same_rig(path: Path, record: DesignRecord, rig: Rig, *, named: bool) -> Non
             )
             raise InputError(
                 f"{path}: made for a rig with {section}.{field} = {value!r}, not "
-                f"{other[section][field]!r}; {remedy}"
+                f"{other[section][field]!r} as {against} has it; {remedy}"
             )
 
 
 def _warnings(setup: sweeps.Setup) -> list[str]:
     """Return what a person must know before the sweep is worth its time."""
     rig, found = setup.rig, []
-    spreads = sweeps.drawn_spreads(rig)
+    spreads = setup.spreads
     if not spreads:
         found.append(
             "the rig states no uncertainty: all scenarios are "
             + ("alike but for the noise" if setup.noise else "one and the same")
             + "; give it an [uncertainty] table"
         )
-    if sweeps.beta_is_computed(rig) and rig.uncertainty.beta:
+    unused = [name for name in rig.uncertainty.spreads if name not in spreads]
+    if unused:
+        found.append(
+            f"uncertainty.{', '.join(unused)}: not drawn: under the reading "
+            f"{setup.equilibrium!r} the plant's beta follows from the voltage that holds the ball"
+        )
+    if sweeps.beta_is_computed(rig, setup.equilibrium) and rig.uncertainty.beta:
         found.append(
             f"uncertainty.beta = {rig.uncertainty.beta:g} is not used: the plant's beta follows "
             "from what is drawn for mass, current_gain and force_constant"
         )
     sections = {"PlantParameters": rig.plant, "InitialState": rig.initial, "Noise": rig.noise}
-    for name, spread in rig.uncertainty.spreads.items():
+    for name, spread in spreads.items():
+        if name not in DRAWN:
+            continue
         model, field = DRAWN[name]
         value, (low, high) = getattr(sections[model.__name__], field), spread.reach
         if model.__name__ == "PlantParameters" and not low <= value <= high:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from maglev_design import design as designs
+from maglev_design.choices import Controller as Law
 from maglev_design.errors import InputError
 from maglev_design.lowering import Program
 from maglev_design.parameters import LONGEST_GAP, MOST_SAMPLES, Emulator, Rig
@@ -139,6 +140,7 @@ def controller_of(record: DesignRecord, prefix: str) -> Controller:
         this period, or when a number does not fit the targets.
     """
     rig, design = record.rig, record.design
+    _check_law(design.controller)
     low, high = rig.limits.voltage
     if not math.isfinite(high):
         raise InputError(
@@ -180,6 +182,21 @@ def controller_of(record: DesignRecord, prefix: str) -> Controller:
         most_ticks=MOST_SAMPLES,
         state_bound=ROOM * abs(fixed["b2"]) * reach / (1 - abs(fixed["a22"])),
         doubts=doubts(record),
+    )
+
+
+def _check_law(law: Law) -> None:
+    """Raise `InputError` for a law that the targets have no words for."""
+    if law.name == "tan-gpi" or (law.name == "lin-pid" and law.derivative != "measurement"):
+        if law.start == "kick":
+            return
+        raise InputError(
+            "controller: lin-pid with a bumpless start is not exported: its first step differs "
+            "from all others; make the design with --start kick"
+        )
+    raise InputError(
+        f"controller = {law.name}{f' ({law.variant})' if law.variant else ''}: not exported; "
+        "what can be is tan-gpi, and lin-pid with the derivative of the error"
     )
 
 
@@ -245,6 +262,9 @@ def doubts(record: DesignRecord) -> tuple[str, ...]:
         found.append("The independent re-simulation of this design failed.")
     if not said["certified"]:
         found.append("This design has no stability certificate.")
+    broken = [c["name"] for c in document["constraints"] if not c["satisfied"]]
+    if document.get("status") == "judged" and broken:
+        found.append(f"This controller breaks a limit: {', '.join(broken)}.")
     if document.get("status") in ("infeasible", "interrupted"):
         found.append(f"The tuning ended as {document['status']}.")
     lost, seeds = lost_on_the_emulated_rig(record)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from maglev_design import __version__
+from maglev_design.choices import Controller as Law
 from maglev_design.choices import Target
 from maglev_design.export.controller import OUTPUTS, SIGNALS, STATES, Controller
 from maglev_design.export.misra import DEVIATIONS
@@ -109,6 +110,7 @@ def _context(controller: Controller, target: Target, rows: int) -> dict[str, Any
         },
         "samples": samples,
         "every": max(1, samples // EXAMPLE_ROWS),
+        "law": law_in_words(design.controller),
         "method": design.method,
         "gaps": [f"{gap:g}" for gap in family["gaps"]],
         "assumptions": _assumptions(controller),
@@ -169,6 +171,11 @@ def _assumptions(controller: Controller) -> list[str]:
         f"beta_c = {design.believed.beta:.6g} m^3/(s^2 V^2). Its numbers came from the reading "
         f"{design.equilibrium} of the equilibrium; nothing that runs depends on that.",
     ]
+
+
+def law_in_words(controller: Law) -> str:
+    """Return a law's name, with what differs from its default."""
+    return controller.name.upper() + (f" ({controller.variant})" if controller.variant else "")
 
 
 def _shown(value: float | None) -> str:

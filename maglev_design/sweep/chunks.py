@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from maglev_design.errors import InputError
 from maglev_design.files import write_bytes
-from maglev_design.sweep.draws import drawn_spreads
 from maglev_design.sweep.scenarios import FIGURES
 from maglev_design.sweep.setup import Setup, differences
 
@@ -81,7 +80,7 @@ def _proof(setup: Setup, number: int) -> NDArray[np.uint8]:
 def names(setup: Setup) -> list[str]:
     """Return the names of the arrays of a chunk."""
     own = [f"{n}_{figure}" for n in range(len(setup.designs)) for figure in FIGURES]
-    return [f"drawn_{name}" for name in drawn_spreads(setup.rig)] + own
+    return [f"drawn_{name}" for name in setup.spreads] + own
 
 
 def write_chunk(setup: Setup, folder: Path, number: int, arrays: dict[str, Array]) -> None:

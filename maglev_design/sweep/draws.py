@@ -14,6 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design import design as designs
+from maglev_design.choices import Equilibrium
+from maglev_design.design import Design
+from maglev_design.loop import family
 from maglev_design.parameters import Rig, Spread
 
 Array = NDArray[np.float64]
@@ -28,8 +31,11 @@ _PLACES, _JITTER, _SCRAMBLE = 1, 2, 3
 """Which stream of a seed: the permutations, what is independent, the scrambling."""
 
 
-def drawn_spreads(rig: Rig) -> dict[str, Spread]:
+def drawn_spreads(rig: Rig, equilibrium: Equilibrium = "model") -> dict[str, Spread]:
     """Return what is drawn for each scenario of a rig, in order.
+
+    The ratio is uniform over the family of the reading. Under ``measured`` the plant's beta follows
+    from the voltage that holds the ball, and what its parts may be plays no part.
 
     Examples
     --------
@@ -37,15 +43,18 @@ def drawn_spreads(rig: Rig) -> dict[str, Spread]:
     >>> list(drawn_spreads(load_rig("belmonte2021")))
     ['ratio']
     """
-    u, spreads = rig.uncertainty.beta, rig.uncertainty.spreads
-    if u > 0 and not beta_is_computed(rig):
-        return {RATIO: Spread(distribution="uniform", lower=1 - u, upper=1 + u), **spreads}
-    return spreads
+    spreads = rig.uncertainty.spreads
+    if beta_is_computed(rig, equilibrium):
+        return spreads
+    low, high = family(rig, equilibrium).ratios
+    ratio = {RATIO: Spread(distribution="uniform", lower=low, upper=high)} if low < high else {}
+    unused = BETA_PARTS if equilibrium == "measured" else ()
+    return ratio | {name: spread for name, spread in spreads.items() if name not in unused}
 
 
-def beta_is_computed(rig: Rig) -> bool:
-    """Whether the plant's beta follows from drawn values, so that u is not used."""
-    return any(name in rig.uncertainty.spreads for name in BETA_PARTS)
+def beta_is_computed(rig: Rig, equilibrium: Equilibrium = "model") -> bool:
+    """Whether the plant's beta follows from drawn values of its parts, so that u is not used."""
+    return equilibrium != "measured" and any(x in rig.uncertainty.spreads for x in BETA_PARTS)
 
 
 def uniforms(
@@ -144,10 +153,16 @@ def _triangular(low: float, mode: float, high: float, u: Array) -> Array:
 
 
 def draw(
-    rig: Rig, sampling: Sampling, seed: int, total: int, first: int, count: int
+    rig: Rig,
+    sampling: Sampling,
+    seed: int,
+    total: int,
+    first: int,
+    count: int,
+    equilibrium: Equilibrium = "model",
 ) -> dict[str, Array]:
     """Return the drawn values of some scenarios by name, SI units; ``ratio`` is beta_c/beta."""
-    spreads = drawn_spreads(rig)
+    spreads = drawn_spreads(rig, equilibrium)
     columns = uniforms(sampling, seed, total, len(spreads), first, count).T
     return {
         name: quantile(spread, column)
@@ -155,11 +170,21 @@ def draw(
     }
 
 
-def plant_betas(rig: Rig, drawn: dict[str, Array]) -> Array | float:
-    """Return the plant's beta of each scenario: K C^2/m of what was drawn, or beta_c/ratio."""
-    own = designs.plant_beta(rig)
-    if not any(name in drawn for name in BETA_PARTS):
-        return own / drawn[RATIO] if RATIO in drawn else own
-    parts = [drawn.get(name, getattr(rig.plant, name)) for name in BETA_PARTS]
-    (beta,) = designs.beta_program().numpy()(*parts)
+def plant_betas(rig: Rig, design: Design, drawn: dict[str, Array]) -> Array | float:
+    """Return the plant's beta of each scenario: K C^2/m of what was drawn, or beta_c/ratio.
+
+    Under ``measured`` every plant holds the ball at Y with its own voltage U sqrt(ratio): beta
+    follows from it and from what was drawn for y0 and g.
+    """
+    if beta_is_computed(rig, design.equilibrium):
+        parts = [drawn.get(name, getattr(rig.plant, name)) for name in BETA_PARTS]
+        (beta,) = designs.beta_program().numpy()(*parts)
+        return np.asarray(beta, dtype=float)
+    ratio = drawn.get(RATIO, 1.0)
+    if design.equilibrium != "measured":
+        return design.believed.beta / ratio
+    gravity, offset = (drawn.get(x, getattr(rig.plant, x)) for x in ("gravity", "gap_offset"))
+    voltage = design.believed.U * np.sqrt(ratio)
+    held = designs.believed_program("measured").numpy()
+    *_, beta = held(gravity, design.believed.beta, design.Y, offset, voltage)
     return np.asarray(beta, dtype=float)

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from maglev_design.choices import SCHEMA_VERSION
 from maglev_design.design import Design
 from maglev_design.sweep.chunks import column, read
-from maglev_design.sweep.draws import beta_is_computed, drawn_spreads
 from maglev_design.sweep.scenarios import FIGURES
 from maglev_design.sweep.setup import Setup
 
@@ -61,6 +60,7 @@ class DesignResult:
             "poles": [list(design.poles.first), list(design.poles.second)],
             "equilibrium": design.equilibrium,
             "method": design.method,
+            "controller_sha256": design.sha256,
             "stable_fraction": self.stable_fraction,
             "stable_fraction_interval": list(self.interval),
             "quantiles": self.quantiles,
@@ -88,9 +88,9 @@ class SweepResult:
             "designs": rows,
             "drawn": {
                 name: spread.model_dump(exclude_none=True)
-                for name, spread in drawn_spreads(self.setup.rig).items()
+                for name, spread in self.setup.spreads.items()
             },
-            "beta_from": "drawn values" if beta_is_computed(self.setup.rig) else "beta_c/ratio",
+            "beta_from": self.setup.beta_from,
             "setup": self.setup.description,
         }
 
@@ -179,10 +179,7 @@ def _record(setup: Setup, folder: Path, position: int, k: int) -> dict[str, Any]
     if not math.isnan(crash_time):
         dropped = figures["max_gap"] >= setup.rig.limits.gap[1]
         crash = {"where": "dropped" if dropped else "magnet", "time": crash_time}
-    drawn = {
-        name: float(read(setup, folder, number, f"drawn_{name}")[n])
-        for name in drawn_spreads(setup.rig)
-    }
+    drawn = {name: float(read(setup, folder, number, f"drawn_{name}")[n]) for name in setup.spreads}
     return {
         "seed": setup.seed,
         "scenario": k,

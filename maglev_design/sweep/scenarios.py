@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from maglev_design import design as designs
 from maglev_design.design import Design
 from maglev_design.errors import InputError
-from maglev_design.parameters import DRAWN, Rig
+from maglev_design.parameters import DRAWN
 from maglev_design.simulate import LoopGraph, Scenario, Summary, compiled, loop_for, simulate_batch
 from maglev_design.simulate.batch import first_noise
 from maglev_design.simulate.scenario import parameter_vector, start_state
@@ -72,12 +72,13 @@ class Plants:
 def plants(setup: Setup, first: int, count: int) -> Plants:
     """Return the scenarios first, ..., first + count - 1."""
     rig = setup.rig
-    drawn = draw(rig, setup.sampling, setup.seed, setup.samples, first, count)
-    return plants_of(rig, first, count, drawn)
+    drawn = draw(rig, setup.sampling, setup.seed, setup.samples, first, count, setup.equilibrium)
+    return plants_of(setup, first, count, drawn)
 
 
-def plants_of(rig: Rig, first: int, count: int, drawn: dict[str, Array]) -> Plants:
+def plants_of(setup: Setup, first: int, count: int, drawn: dict[str, Array]) -> Plants:
     """Return scenarios with given drawn values; what was not drawn is the rig's."""
+    rig = setup.rig
     sections = {"PlantParameters": rig.plant, "InitialState": rig.initial, "Noise": rig.noise}
     own = {
         name: getattr(sections[model.__name__], field)
@@ -85,7 +86,7 @@ def plants_of(rig: Rig, first: int, count: int, drawn: dict[str, Array]) -> Plan
         if name in _SCENARIO
     }
     values = own | {name: drawn[name] for name in _SCENARIO if name in drawn}
-    values["beta_plant"] = plant_betas(rig, drawn)
+    values["beta_plant"] = plant_betas(rig, setup.designs[0], drawn)
     return Plants(first, drawn, {k: np.broadcast_to(v, count) for k, v in values.items()})
 
 

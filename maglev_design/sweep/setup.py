@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from maglev_design.choices import SCHEMA_VERSION, Backend
+from maglev_design.choices import SCHEMA_VERSION, Backend, Equilibrium
 from maglev_design.design import Design
 from maglev_design.design_data import design_as_data
 from maglev_design.errors import InputError
-from maglev_design.parameters import Rig
+from maglev_design.parameters import Rig, Spread
 from maglev_design.simulate.compiled import LANES
-from maglev_design.sweep.draws import Sampling
+from maglev_design.sweep.draws import Sampling, beta_is_computed, drawn_spreads
 
 MOST_SAMPLES = 10_000_000
 """Scenarios; the quantiles keep one figure of all of them in memory, 8 bytes each."""
@@ -65,6 +65,32 @@ class Setup:
             raise InputError(f"chunk = {self.chunk}: must be a multiple of {LANES} [-]")
         if not 0 <= self.seed < 2**32:
             raise InputError(f"seed = {self.seed}: must be from 0 to {2**32 - 1} [-]")
+        first, *others = self.designs
+        for other in others:
+            if _plants_known_by(other) != _plants_known_by(first):
+                raise InputError(
+                    f"two families of plants: {_family_in_words(first)}, and "
+                    f"{_family_in_words(other)}; the scenarios of a sweep are those of one: sweep "
+                    "each design alone"
+                )
+
+    @property
+    def equilibrium(self) -> Equilibrium:
+        """The reading whose family of plants is drawn from."""
+        return self.designs[0].equilibrium
+
+    @property
+    def spreads(self) -> dict[str, Spread]:
+        """What is drawn for each scenario, in order."""
+        return drawn_spreads(self.rig, self.equilibrium)
+
+    @property
+    def beta_from(self) -> str:
+        """Where the plant's beta comes from, in words."""
+        if beta_is_computed(self.rig, self.equilibrium):
+            return "drawn values"
+        measured = self.equilibrium == "measured"
+        return "the voltage that holds the ball at Y" if measured else "beta_c/ratio"
 
     @property
     def chunks(self) -> int:
@@ -106,6 +132,21 @@ class Setup:
 
     def __hash__(self) -> int:
         return hash(self.key)
+
+
+def _plants_known_by(design: Design) -> tuple[bool, float]:
+    """Return whether the plants are known by their voltage, and the beta_c that their ratio is of.
+
+    ``model`` and ``appendix-a`` have the same plants.
+    """
+    return design.equilibrium == "measured", design.believed.beta
+
+
+def _family_in_words(design: Design) -> str:
+    return (
+        f"that of the reading {design.equilibrium!r} with beta_c = {design.believed.beta:.6g} "
+        "m^3/(s^2 V^2)"
+    )
 
 
 def _plain(value: Any) -> Any:

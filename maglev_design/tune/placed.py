@@ -83,8 +83,9 @@ def gains_of(
     known = (*own, *(PID_NAMES if pid else ()), *filters)
     for name in given:
         if name not in known:
+            alike = [x for x in known if x.lower() == name.lower()] or known
             raise InputError(
-                f"--gains: {name!r} is no gain of {controller.name}{nearest(name, known)}; known: "
+                f"--gains: {name!r} is no gain of {controller.name}{nearest(name, alike)}; known: "
                 f"{', '.join(known)}"
             )
     wanted = PID_NAMES if pid and any(name in PID_NAMES for name in given) else own
