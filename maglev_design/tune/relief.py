@@ -55,8 +55,10 @@ def _least(problem: TuningProblem, score: dense.Score, told: Callable[[], None])
     starts, _ = dense.best_points(problem, score, pairs, clamped=True)
     if not starts:
         return None
-    point, _ = dense.zoomed(problem, starts[0], score, pairs, clamped=True, told=told)
-    return point
+    found = [
+        dense.zoomed(problem, start, score, pairs, clamped=True, told=told) for start in starts
+    ]
+    return min(found, key=lambda item: item[1])[0]
 
 
 def relief(problem: TuningProblem) -> Relief | None:
@@ -74,7 +76,10 @@ def relief(problem: TuningProblem) -> Relief | None:
 
 
 def _relief(problem: TuningProblem, point: Array, names: Sequence[str]) -> Relief:
-    _, slacks = dense.evaluated(problem, point[None, :], _pairs(problem), clamped=True)
+    score, pairs = dense.least_breach_of(names), _pairs(problem)
+    _, slacks, _ = dense.scored(
+        problem, point[None, :], score, pairs, clamped=True, centre=point
+    )
     broken = [name for name in names if name in slacks and slacks[name][0] < 0]
     options: dict[str, Any] = {}
     hints = []

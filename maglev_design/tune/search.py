@@ -360,7 +360,7 @@ def polish(search: Search, best: Candidate, starts: Sequence[Array] = ()) -> Can
     """Return the best point of ever finer grids around `best` and other starts."""
     for start in (best.x, *starts):
         near = start is best.x
-        point, count = dense.zoomed(
+        point, _, count = dense.zoomed(
             search.problem,
             start,
             dense.least_objective,
@@ -382,7 +382,7 @@ def _polished_everywhere(search: Search, best: Candidate) -> Candidate:
     For where the voltage may saturate: the objective has many small valleys.
     """
     starts, count = dense.best_points(
-        search.problem, dense.least_objective, search.pairs, search.clamped
+        search.problem, dense.least_objective, search.pairs, clamped=search.clamped
     )
     search.evaluations += count
     return polish(search, best, starts)
