@@ -39,6 +39,8 @@ LOCAL = 0.02
 """Relative half width of the first grid around a point that a local solver found."""
 FINEST = 2e-4
 """Relative half width of the last grid."""
+FEW = 2
+"""Valleys that are followed to the end."""
 NONE = 1e9
 """Score of a point that does not count: an unstable loop, or a limit broken that must not be."""
 
@@ -146,6 +148,7 @@ def zoomed(
     clamped: bool,
     told: Callable[[], None],
     width: float | None = None,
+    finest: float = FINEST,
 ) -> tuple[Array, float, int]:
     """Return the best point of ever finer grids around `start`, its score, and the loops run."""
     box = problem.box()
@@ -153,7 +156,7 @@ def zoomed(
     width = width or float(_cell(problem).max())
     axis = np.linspace(-1, 1, NARROW)
     plane = np.array(list(itertools.product(axis, axis)))
-    while width > FINEST:
+    while width > finest:
         told()
         for first in range(0, len(start), 2):  # one pole pair after the other
             points = np.repeat(best[None, :], len(plane), axis=0)
@@ -164,3 +167,34 @@ def zoomed(
             count += ran
         width /= 2
     return best, value, count
+
+
+def lowest(
+    problem: TuningProblem,
+    score: Score,
+    pairs: Sequence[Pair],
+    *,
+    clamped: bool,
+    told: Callable[[], None],
+) -> tuple[Array | None, int]:
+    """Return the best point of the whole box, None where none counts, and the loops run.
+
+    Around each of the best points of the wide grid finer ones are laid; the best few valleys are
+    followed to the end.
+    """
+    starts, count = best_points(problem, score, pairs, clamped=clamped)
+    valleys = []
+    for start in starts:
+        point, value, ran = zoomed(
+            problem, start, score, pairs, clamped=clamped, told=told, finest=LOCAL
+        )
+        valleys.append((value, point))
+        count += ran
+    ends = []
+    for _, valley in sorted(valleys, key=lambda item: item[0])[:FEW]:
+        point, value, ran = zoomed(
+            problem, valley, score, pairs, clamped=clamped, told=told, width=LOCAL
+        )
+        ends.append((value, point))
+        count += ran
+    return (min(ends, key=lambda item: item[0])[1] if ends else None), count

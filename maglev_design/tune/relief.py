@@ -51,14 +51,7 @@ def closest(problem: TuningProblem, told: Callable[[], None]) -> Array | None:
 
 
 def _least(problem: TuningProblem, score: dense.Score, told: Callable[[], None]) -> Array | None:
-    pairs = _pairs(problem)
-    starts, _ = dense.best_points(problem, score, pairs, clamped=True)
-    if not starts:
-        return None
-    found = [
-        dense.zoomed(problem, start, score, pairs, clamped=True, told=told) for start in starts
-    ]
-    return min(found, key=lambda item: item[1])[0]
+    return dense.lowest(problem, score, _pairs(problem), clamped=True, told=told)[0]
 
 
 def relief(problem: TuningProblem) -> Relief | None:
@@ -77,9 +70,7 @@ def relief(problem: TuningProblem) -> Relief | None:
 
 def _relief(problem: TuningProblem, point: Array, names: Sequence[str]) -> Relief:
     score, pairs = dense.least_breach_of(names), _pairs(problem)
-    _, slacks, _ = dense.scored(
-        problem, point[None, :], score, pairs, clamped=True, centre=point
-    )
+    _, slacks, _ = dense.scored(problem, point[None, :], score, pairs, clamped=True, centre=point)
     broken = [name for name in names if name in slacks and slacks[name][0] < 0]
     options: dict[str, Any] = {}
     hints = []
