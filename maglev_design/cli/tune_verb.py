@@ -89,6 +89,8 @@ def tune(request: Request, output: Path | None, *, force: bool, as_json: bool) -
         warn(text)
     if as_json:
         print_json(record.document)
+        for text in record.document["warnings"]:
+            warn(text)
     else:
         show(record.document)
     tell(rig, record.document, written, as_json=as_json)

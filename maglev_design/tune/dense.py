@@ -62,7 +62,8 @@ def least_breach_of(names: Sequence[str]) -> Score:
     def score(_: Array, slacks: Mapping[str, Array]) -> Array:
         others = [s for name, s in slacks.items() if name not in names]
         kept = np.min(others, axis=0) >= 0
-        breach = -np.min([slacks[name] for name in names if name in slacks], axis=0)
+        named = [slacks[name] for name in names if name in slacks]
+        breach = -np.min([np.full(kept.shape, np.inf), *named], axis=0)
         return np.where(kept, breach, NONE)
 
     return score

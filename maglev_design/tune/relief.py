@@ -63,8 +63,13 @@ def relief(problem: TuningProblem) -> Relief | None:
     for group in [*([kind] for kind in kinds), kinds]:
         names = [name for kind in group for name in OPTIONS[kind]]
         point = _least(problem, dense.least_breach_of(names), lambda: None)
-        if point is not None:
-            return _relief(problem, point, names)
+        if point is None:
+            continue
+        found = _relief(problem, point, names)
+        if found.options:
+            return found
+        if problem.certifies is not None:  # every other limit can be kept
+            return Relief({"certifies": None}, "leaving --certify out would do")
     return None
 
 
