@@ -239,7 +239,7 @@ def test_the_hint_of_an_infeasible_problem_works(stubborn: TuneResult) -> None:
 
 
 def test_the_hint_for_a_command_out_of_range_is_to_allow_saturation() -> None:
-    rig = rig_with(QUICK, {"initial.gap": 0.0260, "limits.voltage": [0.0, 2.7]})
+    rig = rig_with(QUICK, {"initial.gap": 0.0260, "limits.voltage": [0.0, 2.5]})
     found = solved(build_problem(rig))
     assert found.status is Status.INFEASIBLE
     assert found.relief is not None

@@ -54,12 +54,13 @@ def _least(problem: TuningProblem, score: dense.Score, told: Callable[[], None])
     return dense.lowest(problem, score, _pairs(problem), clamped=True, told=told)[0]
 
 
-def relief(problem: TuningProblem) -> Relief | None:
+def relief(problem: TuningProblem, tightest: str) -> Relief | None:
     """Return the smallest change of options that makes the problem feasible, None without one.
 
-    One kind of limit alone where that suffices, else as many as have to move.
+    One kind of limit alone where that suffices, that of the name `tightest` before the others,
+    else as many as have to move.
     """
-    kinds = list(OPTIONS)
+    kinds = sorted(OPTIONS, key=lambda kind: tightest not in OPTIONS[kind])
     for group in [*([kind] for kind in kinds), kinds]:
         names = [name for kind in group for name in OPTIONS[kind]]
         point = _least(problem, dense.least_breach_of(names), lambda: None)

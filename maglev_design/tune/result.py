@@ -471,7 +471,7 @@ def _judged(
     return TuneResult(
         warnings=cautions(problem),
         with_noise=_with_noise(problem, poles, figures),
-        relief=relief(problem) if status is Status.INFEASIBLE else None,
+        relief=relief(problem, figures.tightest.name) if status is Status.INFEASIBLE else None,
         status=status,
         problem=problem,
         poles=poles,
