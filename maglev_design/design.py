@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design.choices import TAN_GPI, Controller, Equilibrium, Method
-from maglev_design.errors import InputError
+from maglev_design.choices import EQUILIBRIA, METHODS, TAN_GPI, Controller, Equilibrium, Method
+from maglev_design.errors import InputError, nearest
+from maglev_design.files import digest
 from maglev_design.lowering import Program
 from maglev_design.parameters import Rig
+from maglev_design.plain import finite
 from maglev_design.programs import program
 
 if TYPE_CHECKING:
@@ -61,7 +63,8 @@ class PoleSpec:
 class Believed:
     """What the controller takes the equilibrium to be.
 
-    U [V], C_U [m/(s^2 V)], C_Y [1/s^2] and beta [m^3/(s^2 V^2)].
+    U [V], C_U [m/(s^2 V)], C_Y [1/s^2] and beta [m^3/(s^2 V^2)], the force constant that these
+    numbers imply: the beta_c of the ratio beta_c/beta.
     """
 
     U: float
@@ -72,7 +75,7 @@ class Believed:
 
 @dataclass(frozen=True)
 class Design:
-    """One controller with numbers.
+    """One controller: its numbers, fixed once made. A ratio beta_c/beta moves the plant.
 
     Attributes
     ----------
@@ -90,6 +93,12 @@ class Design:
     coefficients : mapping of str to float
         Of the difference equation: see
         :func:`maglev_design.symbolic.running.difference_equation`.
+    period : float
+        T [s].
+    voltage_limits : tuple of float
+        Of the clamp [V].
+    reference : tuple of float
+        start_gap [m], end_gap [m], start_time [s] and end_time [s] of the move.
     controller : Controller
         Which law.
     """
@@ -101,12 +110,42 @@ class Design:
     believed: Believed
     Y: float
     coefficients: Mapping[str, float]
+    period: float
+    voltage_limits: tuple[float, float]
+    reference: tuple[float, float, float, float]
     controller: Controller = TAN_GPI
 
     @property
     def named_gains(self) -> dict[str, float]:
         """The gains by the names of the law's symbols."""
         return dict(zip(gain_names(self.controller), self.gains, strict=True))
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """What runs, as plain data: the law and every number of it; no label, no reading."""
+        believed = self.believed
+        return {
+            "law": asdict(self.controller),
+            "method": self.method,
+            "period": self.period,
+            "Y": self.Y,
+            "U": believed.U,
+            "C_U": believed.C_U,
+            "C_Y": believed.C_Y,
+            "gains": self.named_gains,
+            "coefficients": dict(self.coefficients),
+            "voltage_limits": list(self.voltage_limits),
+            "reference": list(self.reference),
+        }
+
+    @property
+    def sha256(self) -> str:
+        """The controller's name: the SHA-256 of :attr:`numbers`."""
+        return digest(finite(self.numbers))
+
+    def beta_at(self, ratio: float) -> float:
+        """Return the plant's beta [m^3/(s^2 V^2)] at a ratio beta_c/beta."""
+        return self.believed.beta / ratio
 
 
 @dataclass(frozen=True)
@@ -247,20 +286,60 @@ def true_equilibrium(rig: Rig, beta: float, gap: float) -> Believed:
 
 
 def believed_equilibrium(
-    rig: Rig, equilibrium: Equilibrium, beta_c: float, beta_plant: float
+    rig: Rig,
+    equilibrium: Equilibrium,
+    *,
+    beta_c: float | None = None,
+    voltage: float | None = None,
 ) -> Believed:
-    """Return what a controller with `beta_c` believes on a plant with `beta_plant`.
+    """Return what a controller of `rig` believes under a reading of the equilibrium.
 
-    The true equilibrium voltage, used by ``appendix-a`` and ``measured``, is the rig's measured
-    one where the file gives it, else that of the plant.
+    Parameters
+    ----------
+    rig : Rig
+    equilibrium : {"model", "appendix-a", "measured"}
+    beta_c : float, optional
+        The controller's K C^2/m [m^3/(s^2 V^2)]; default: the rig's.
+    voltage : float, optional
+        U [V] as measured, for ``appendix-a`` and ``measured``; default: the rig's.
+
+    Raises
+    ------
+    InputError
+        Where the reading needs a measured voltage and there is none.
     """
-    point = rig.operating_point
-    voltage = point.voltage or true_equilibrium(rig, beta_plant, point.gap).U
-    plant = rig.plant
+    point, plant = rig.operating_point, rig.plant
+    if equilibrium not in EQUILIBRIA:
+        raise InputError(
+            f"equilibrium = {equilibrium!r}: unknown{nearest(equilibrium, EQUILIBRIA)}; known: "
+            f"{', '.join(EQUILIBRIA)}"
+        )
+    held = point.voltage if voltage is None else voltage
+    if equilibrium != "model" and held is None:
+        model = believed_equilibrium(rig, "model", beta_c=beta_c)
+        raise InputError(
+            f"operating_point.voltage [V] is missing: the reading {equilibrium!r} needs the "
+            f"measured voltage that holds the ball at Y = {point.gap:g} m; measure it and write it "
+            f"into the rig (K, C and m promise about {model.U:.4g} V), or take the reading 'model'"
+        )
     values = believed_program(equilibrium).scalar()(
-        plant.gravity, beta_c, point.gap, plant.gap_offset, voltage
+        plant.gravity,
+        plant_beta(rig) if beta_c is None else beta_c,
+        point.gap,
+        plant.gap_offset,
+        held or 0.0,
     )
     return Believed(*values)
+
+
+def voltage_on_plant(rig: Rig, beta_plant: float) -> float:
+    """Return U [V] as the paper has it: measured on the plant at hand, whatever its beta.
+
+    The rig's measured voltage where it has one, else the true one of a plant with `beta_plant`.
+    For the paper's own runs only: a saved design has one U.
+    """
+    point = rig.operating_point
+    return point.voltage or true_equilibrium(rig, beta_plant, point.gap).U
 
 
 def make_design(
@@ -271,6 +350,8 @@ def make_design(
     equilibrium: Equilibrium = "model",
     method: Method | None = None,
     beta_c: float | None = None,
+    voltage: float | None = None,
+    gains: Sequence[float] | None = None,
     beta_plant: float | None = None,
 ) -> Design:
     """Return the controller of `rig` with the given poles.
@@ -283,8 +364,15 @@ def make_design(
     equilibrium : {"model", "appendix-a", "measured"}
     method : {"tustin", "euler", "zoh"}, optional
         Default: the rig's.
-    beta_c, beta_plant : float, optional
-        The controller's and the plant's beta; default: the rig's.
+    beta_c, voltage : float, optional
+        As :func:`believed_equilibrium`.
+    gains : sequence of float, optional
+        The law's gains, in its order, where they are given and not placed by `poles`.
+
+    Raises
+    ------
+    InputError
+        As :func:`believed_equilibrium`; for an unknown method.
 
     Examples
     --------
@@ -292,29 +380,58 @@ def make_design(
     >>> make_design(load_rig("belmonte2021"), PoleSpec.double(1, 70)).gains
     (24010000.0, 1372000.0, 29400.0, 280.0)
     """
-    own = plant_beta(rig)
     method = method or rig.sampling.method
-    believed = believed_equilibrium(
-        rig,
-        equilibrium,
-        own if beta_c is None else beta_c,
-        own if beta_plant is None else beta_plant,
-    )
+    if method not in METHODS:
+        raise InputError(
+            f"method = {method!r}: unknown{nearest(method, METHODS)}; known: {', '.join(METHODS)}"
+        )
+    if voltage is None and equilibrium != "model":
+        voltage = voltage_on_plant(rig, plant_beta(rig) if beta_plant is None else beta_plant)
+    believed = believed_equilibrium(rig, equilibrium, beta_c=beta_c, voltage=voltage)
     program = gains_program(controller)
-    gains = dict(zip(program.outputs, program.scalar()(*poles.values), strict=True))
-    known = coefficient_inputs(rig, believed) | gains
-    program = coefficients_program(method, controller)
-    values = program.scalar()(*[known[name] for name in program.inputs])
-    coefficients = dict(zip(program.outputs, values, strict=True))
+    placed = program.scalar()(*poles.values) if gains is None else map(float, gains)
+    named = dict(zip(program.outputs, placed, strict=True))
+    path = rig.reference
     return Design(
         poles,
         equilibrium,
         method,
-        tuple(gains.values()),
+        tuple(named.values()),
         believed,
         rig.operating_point.gap,
-        coefficients,
+        difference_coefficients(coefficient_inputs(rig, believed) | named, method, controller),
+        rig.sampling.period,
+        (rig.limits.voltage[0], rig.limits.voltage[1]),
+        (path.start_gap, path.end_gap, path.start_time, path.end_time),
         controller,
+    )
+
+
+def difference_coefficients(
+    known: Mapping[str, float], method: Method, controller: Controller
+) -> dict[str, float]:
+    """Return the coefficients of the difference equation from what they are made of, by name."""
+    program = coefficients_program(method, controller)
+    values = program.scalar()(*[known[name] for name in program.inputs])
+    return dict(zip(program.outputs, values, strict=True))
+
+
+def voltage_warning(rig: Rig) -> str | None:
+    """Return a warning where a measured voltage and K, C, m disagree; None where they do not.
+
+    The voltage that holds the ball at Y implies beta = g (Y + y0)^2/U^2, which should lie inside
+    the stated uncertainty of K C^2/m.
+    """
+    if rig.operating_point.voltage is None:
+        return None
+    implied, typed = believed_equilibrium(rig, "measured").beta, plant_beta(rig)
+    if abs(implied / typed - 1) <= rig.uncertainty.beta:
+        return None
+    return (
+        f"operating_point.voltage = {rig.operating_point.voltage:g} V implies beta = "
+        f"{implied:.4g} m^3/(s^2 V^2), {implied / typed:.3g} times K C^2/m = {typed:.4g}: outside "
+        f"uncertainty.beta = {rig.uncertainty.beta:g}; one of mass, force_constant, current_gain, "
+        "gap_offset and voltage is wrong"
     )
 
 
