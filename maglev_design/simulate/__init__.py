@@ -7,14 +7,15 @@ an integrator that shares nothing with the first.
 from maglev_design.simulate.batch import Summary, cores, respond, simulate_batch
 from maglev_design.simulate.emulator import emulated
 from maglev_design.simulate.graph import LoopGraph, build
-from maglev_design.simulate.independent import own_step, resimulate
+from maglev_design.simulate.independent import own_step, resimulate, resimulate_continuous
 from maglev_design.simulate.response import (
     Crash,
     Metrics,
     Response,
-    error_bounds,
+    StatedErrors,
     loop_for,
     simulate,
+    stated_errors,
 )
 from maglev_design.simulate.scenario import Scenario, mirrored, nominal_scenario
 from maglev_design.simulate.tangents import Tangent, pole_tangent
@@ -26,22 +27,24 @@ __all__ = [
     "Metrics",
     "Response",
     "Scenario",
+    "StatedErrors",
     "Summary",
     "Tangent",
     "build",
     "cores",
     "emulated",
-    "error_bounds",
     "loop_for",
     "mirrored",
     "nominal_scenario",
     "own_step",
     "pole_tangent",
     "resimulate",
+    "resimulate_continuous",
     "respond",
     "settling_time",
     "simulate",
     "simulate_batch",
+    "stated_errors",
     "total_variation",
     "undershoot",
 ]

@@ -102,17 +102,19 @@ def simulate_batch(
     return summaries(loop, figures)
 
 
-def respond(loop: LoopGraph, design: Design, scenario: Scenario) -> Response:
+def respond(
+    loop: LoopGraph, design: Design, scenario: Scenario, *, clamped: bool = True
+) -> Response:
     """Run one closed loop, compiled where that is possible and takes no longer than it is worth.
 
     The curves are those of :func:`maglev_design.simulate.simulate`; the metrics, added in another
     order, differ from its by rounding. A loop with many integration steps a period is interpreted:
-    a compiler takes seconds for it.
+    a compiler takes seconds for it. `clamped` is as of :func:`maglev_design.simulate.simulate`.
     """
     found = compiled.kernel(loop) if loop.pieces <= MOST_PIECES else None
     if found is None:
-        return simulate(loop, design, scenario)
-    figures, trace = _compiled(loop, found, [design], [scenario], None, True, 1, trace=True)
+        return simulate(loop, design, scenario, clamped=clamped)
+    figures, trace = _compiled(loop, found, [design], [scenario], None, clamped, 1, trace=True)
     (summary,) = summaries(loop, figures)
     gap, velocity, commanded, applied = trace[0].T
     return Response(
