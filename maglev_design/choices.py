@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from maglev_design.errors import check_numbers, check_word
+
 Method = Literal["tustin", "euler", "zoh"]
 Equilibrium = Literal["model", "appendix-a", "measured"]
 Objective = Literal["itae", "iae", "ise"]
@@ -19,6 +21,7 @@ Target = Literal["python", "c", "matlab"]
 METHODS: tuple[Method, ...] = get_args(Method)
 EQUILIBRIA: tuple[Equilibrium, ...] = get_args(Equilibrium)
 CONTROLLERS: tuple[ControllerName, ...] = get_args(ControllerName)
+BACKENDS: tuple[Backend, ...] = get_args(Backend)
 DEFAULT_PRESET = "belmonte2021"
 DEFAULT_MAX_MS = 2.0
 """Usual upper end of what textbooks allow for the peak of |S|."""
@@ -51,6 +54,14 @@ class Controller:
     derivative: Derivative = "error"
     filter: float = 10.0
     start: Start = "kick"
+
+    def __post_init__(self) -> None:
+        words = {"feedforward": Feedforward, "derivative": Derivative, "start": Start}
+        for field, kind in ({"name": ControllerName} | words).items():
+            check_word(
+                "controller" if field == "name" else field, getattr(self, field), get_args(kind)
+            )
+        check_numbers(positive=True, filter=self.filter)
 
     @property
     def variant(self) -> str:

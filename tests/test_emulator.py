@@ -26,10 +26,10 @@ from maglev_design.simulate import (
     Response,
     Scenario,
     emulated,
-    stated_errors,
     loop_for,
     nominal_scenario,
     simulate,
+    stated_errors,
 )
 from maglev_design.simulate.graph import COIL, step_program
 from maglev_design.simulate.scenario import parameter_vector, start_state

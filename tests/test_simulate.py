@@ -25,12 +25,12 @@ from maglev_design.simulate import (
     Response,
     Scenario,
     build,
-    stated_errors,
     mirrored,
     nominal_scenario,
     pole_tangent,
     resimulate,
     simulate,
+    stated_errors,
 )
 from maglev_design.simulate.graph import contact_gap
 from maglev_design.simulate.noise import POSITION_CHANNEL, standard_normals

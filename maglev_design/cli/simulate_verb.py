@@ -24,7 +24,7 @@ from maglev_design.errors import InputError
 from maglev_design.files import write_bytes
 from maglev_design.paper.trials import TRIALS
 from maglev_design.parameters import Emulator, Rig, load_rig, make_rig
-from maglev_design.simulate import Response, Scenario, emulated, error_bounds, loop_for, respond
+from maglev_design.simulate import Response, Scenario, emulated, loop_for, respond, stated_errors
 from maglev_design.simulate import simulate as run_loop
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def simulate(request: Request, csv: Path | None, plot: Path | None, *, as_json: 
         _replay(request, csv, plot, as_json=as_json)
         return
     rig, design, scenario, ratio, continuous = _set_up(request)
-    response, bounds = error_bounds(
+    response, bounds = stated_errors(
         rig, design, scenario, continuous=continuous, emulate=request.emulate, run=respond
     )
     _write(rig, response, ratio, csv, plot)
@@ -81,7 +81,7 @@ def _replay(request: Request, csv: Path | None, plot: Path | None, *, as_json: b
     found = replayed(str(request.replay))
     rig, design, scenario = found.rig, found.design, found.scenario
     response = run_loop(loop_for(rig, design), design, scenario)
-    _, bounds = error_bounds(rig, design, scenario)
+    _, bounds = stated_errors(rig, design, scenario)
     ratio = plant_beta(rig) / scenario.beta_plant
     _write(rig, response, ratio, csv, plot)
     off = difference(found, response)
@@ -147,7 +147,7 @@ def _document(
         "ratio": ratio,
         "noise": scenario.noise,
         "seed": scenario.seed,
-        "relative_error_bounds": bounds,
+        "relative_stated_errors": bounds,
     }
 
 

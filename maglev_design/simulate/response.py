@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -19,6 +18,7 @@ from maglev_design.simulate import graph as graphs
 from maglev_design.simulate.independent import resimulate_continuous
 from maglev_design.simulate.scenario import (
     Scenario,
+    check_fits,
     noise_samples,
     parameter_vector,
     start_state,
@@ -140,8 +140,7 @@ def simulate(
     """
     steps = len(loop.times) - 1
     size, width = len(loop.state_names), loop.directions
-    if design.controller != loop.controller:
-        raise ValueError(f"a loop of {loop.controller} cannot run {design.controller}")
+    check_fits(loop, design)
     noise = noise_samples(loop.rig, scenario, steps)
     state = start_state(loop, design, scenario, float(noise[1, 0]))
     vector = parameter_vector(loop, design, scenario, clamped=clamped)
