@@ -16,6 +16,7 @@ Feedforward = Literal["none", "static"]
 Derivative = Literal["error", "measurement"]
 Start = Literal["kick", "bumpless"]
 Backend = Literal["auto", "compiled", "interpreted"]
+TestName = Literal["nominal", "noise", "mismatch"]
 Target = Literal["python", "c", "matlab"]
 
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -56,11 +57,10 @@ class Controller:
     start: Start = "kick"
 
     def __post_init__(self) -> None:
-        words = {"feedforward": Feedforward, "derivative": Derivative, "start": Start}
-        for field, kind in ({"name": ControllerName} | words).items():
-            check_word(
-                "controller" if field == "name" else field, getattr(self, field), get_args(kind)
-            )
+        check_word("controller", self.name, CONTROLLERS)
+        check_word("feedforward", self.feedforward, get_args(Feedforward))
+        check_word("derivative", self.derivative, get_args(Derivative))
+        check_word("start", self.start, get_args(Start))
         check_numbers(positive=True, filter=self.filter)
 
     @property

@@ -2,56 +2,18 @@
 
 from __future__ import annotations
 
-import math
 import sys
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from maglev_design.choices import Controller, ControllerName, Equilibrium, Method
 from maglev_design.cli.output import number, print_json, say, table, warn
-from maglev_design.design import (
-    PAPER_POLES,
-    Design,
-    PoleSpec,
-    check_path_voltage,
-    make_design,
-    plant_beta,
-)
+from maglev_design.cli.simulate_setup import PLANT_MOVES, Request, Run, set_up
 from maglev_design.errors import InputError
 from maglev_design.files import write_bytes
-from maglev_design.paper.trials import TRIALS
-from maglev_design.parameters import Emulator, Rig, load_rig, make_rig
-from maglev_design.simulate import Response, Scenario, emulated, loop_for, respond, stated_errors
+from maglev_design.simulate import Response, StatedErrors, loop_for, respond, stated_errors
 from maglev_design.simulate import simulate as run_loop
-
-if TYPE_CHECKING:
-    from maglev_design.record import DesignRecord
-
-
-@dataclass(frozen=True)
-class Request:
-    """What was asked for on the command line; None where nothing was said."""
-
-    rig: str
-    design: Path | None
-    test: str
-    controller: ControllerName
-    options: dict[str, Any]
-    emulate: bool
-    zeta: float | None
-    omega_n: float | None
-    equilibrium: Equilibrium | None
-    method: Method | None
-    sample_time: float | None
-    beta_ratio: float | None
-    noise: bool | None
-    initial_error: float | None
-    initial_velocity: float | None
-    seed: int
-    replay: str | None = None
 
 
 def simulate(request: Request, csv: Path | None, plot: Path | None, *, as_json: bool) -> None:
@@ -59,18 +21,25 @@ def simulate(request: Request, csv: Path | None, plot: Path | None, *, as_json: 
     if request.replay is not None:
         _replay(request, csv, plot, as_json=as_json)
         return
-    rig, design, scenario, ratio, continuous = _set_up(request)
-    response, bounds = stated_errors(
-        rig, design, scenario, continuous=continuous, emulate=request.emulate, run=respond
-    )
-    _write(rig, response, ratio, csv, plot)
+    run = set_up(request)
+    response, stated = _stated(run)
+    _write(run, response, csv, plot)
     if as_json:
-        period = 0.0 if continuous else rig.sampling.period
-        shown = _document(design, scenario, response, ratio, bounds, period)
-        print_json(shown | {"emulated": request.emulate})
+        print_json(_document(run, response, stated))
         return
-    _print(rig, response, bounds)
+    _print(run, response, stated)
     _tell(response, csv, plot)
+
+
+def _stated(run: Run) -> tuple[Response, StatedErrors]:
+    return stated_errors(
+        run.rig,
+        run.design,
+        run.scenario,
+        continuous=run.continuous,
+        emulate=run.emulate,
+        run=respond,
+    )
 
 
 def _replay(request: Request, csv: Path | None, plot: Path | None, *, as_json: bool) -> None:
@@ -80,16 +49,16 @@ def _replay(request: Request, csv: Path | None, plot: Path | None, *, as_json: b
     _nothing_else(request)
     found = replayed(str(request.replay))
     rig, design, scenario = found.rig, found.design, found.scenario
+    ratio = design.believed.beta / scenario.beta_plant
+    run = Run(rig, design, scenario, ratio, PLANT_MOVES)
     response = run_loop(loop_for(rig, design), design, scenario)
-    _, bounds = stated_errors(rig, design, scenario)
-    ratio = plant_beta(rig) / scenario.beta_plant
-    _write(rig, response, ratio, csv, plot)
+    _, stated = _stated(run)
+    _write(run, response, csv, plot)
     off = difference(found, response)
     if as_json:
-        shown = _document(design, scenario, response, ratio, bounds, rig.sampling.period)
-        print_json(shown | {"emulated": False, "replay": found.as_dict(off)})
+        print_json(_document(run, response, stated) | {"replay": found.as_dict(off)})
     else:
-        _print(rig, response, bounds)
+        _print(run, response, stated)
         drawn = ", ".join(f"{name} = {value:.6g}" for name, value in found.drawn.items())
         sys.stdout.write(f"Scenario {scenario.index}, seed {scenario.seed}: {drawn or 'as is'}.\n")
         _tell(response, csv, plot)
@@ -109,7 +78,11 @@ def _nothing_else(request: Request) -> None:
     given = [
         name
         for name in (
+            "rig",
             "design",
+            "plant",
+            "test",
+            "controller",
             "zeta",
             "omega_n",
             "equilibrium",
@@ -129,33 +102,22 @@ def _nothing_else(request: Request) -> None:
         raise InputError(f"{names}: a replay takes everything from the sweep; leave it out")
 
 
-def _document(
-    design: Design,
-    scenario: Scenario,
-    response: Response,
-    ratio: float,
-    bounds: dict[str, float],
-    period: float,
-) -> dict[str, Any]:
-    return response.metrics.as_dict() | {
-        "controller": design.controller.name,
-        "variant": design.controller.variant or "default",
-        "poles": [list(design.poles.first), list(design.poles.second)],
-        "equilibrium": design.equilibrium,
-        "method": design.method if period else None,
-        "sample_time": period,
-        "ratio": ratio,
-        "noise": scenario.noise,
-        "seed": scenario.seed,
-        "relative_stated_errors": bounds,
-    }
+def _document(run: Run, response: Response, stated: StatedErrors) -> dict[str, Any]:
+    return (
+        response.metrics.as_dict()
+        | run.as_dict()
+        | {
+            "relative_error_bounds": stated.relative if stated.bound else None,
+            "relative_error_estimates": None if stated.bound else stated.relative,
+        }
+    )
 
 
-def _write(rig: Rig, response: Response, ratio: float, csv: Path | None, plot: Path | None) -> None:
+def _write(run: Run, response: Response, csv: Path | None, plot: Path | None) -> None:
     if csv is not None:
         write_bytes(csv, _csv(response).encode())
     if plot is not None:
-        _plot(response, f"{rig.name}, ratio {ratio:g}", plot)
+        _plot(response, f"{run.rig.name}, ratio {run.ratio:g}", plot)
 
 
 def _tell(response: Response, csv: Path | None, plot: Path | None) -> None:
@@ -169,114 +131,15 @@ def _tell(response: Response, csv: Path | None, plot: Path | None) -> None:
             say(f"written: {path}")
 
 
-def _saved(path: Path) -> DesignRecord:
-    from maglev_design.record import load  # noqa: PLC0415 - only when a design is given
-
-    return load(path)
-
-
-def _set_up(request: Request) -> tuple[Rig, Design, Scenario, float, bool]:
-    record = _saved(request.design) if request.design else None
-    rig = record.rig if record else load_rig(request.rig)
-    continuous = request.sample_time == 0
-    if request.sample_time is not None and not continuous:
-        rig = _with_period(rig, request.sample_time)
-    if request.emulate:
-        rig = _emulated(rig, request, continuous)
-    check_path_voltage(rig)
-    trial = next(trial for trial in TRIALS if trial.name == request.test)
-    ratio = trial.ratio if request.beta_ratio is None else request.beta_ratio
-    if not (math.isfinite(ratio) and ratio > 0):
-        raise InputError(f"beta-ratio = {ratio!r}: must be a finite number greater than 0 [-]")
-    own = plant_beta(rig)
-    beta_c, beta_plant = (own, own / ratio) if record else (own * ratio, own)
-    poles = record.design.poles if record else PoleSpec.double(*PAPER_POLES)
-    if request.zeta is not None or request.omega_n is not None:
-        zeta, omega_n = poles.first
-        poles = PoleSpec.double(
-            zeta if request.zeta is None else request.zeta,
-            omega_n if request.omega_n is None else request.omega_n,
-        )
-    design = make_design(
-        rig,
-        poles,
-        controller=_controller(request),
-        equilibrium=request.equilibrium or (record.design.equilibrium if record else "model"),
-        method=request.method or (record.design.method if record else rig.sampling.method),
-        beta_c=beta_c,
-        beta_plant=beta_plant,
-    )
-    scenario = Scenario(
-        beta_plant,
-        rig.initial.gap,
-        rig.initial.velocity,
-        noise=trial.noise if request.noise is None else request.noise,
-        seed=request.seed,
-    )
-    return rig, design, _started(rig, scenario, request), ratio, continuous
-
-
-def _controller(request: Request) -> Controller:
-    """Return the law with its options; those of the PID are refused for the others."""
-    given = {name: value for name, value in request.options.items() if value is not None}
-    if given and request.controller != "lin-pid":
-        names = ", ".join(f"--{name}" for name in given)
-        raise InputError(
-            f"{names}: only for --controller lin-pid, not for {request.controller}, which leaves "
-            "nothing open"
-        )
-    ratio = given.get("filter", 1.0)
-    if not (math.isfinite(ratio) and ratio > 0):
-        raise InputError(f"filter = {ratio!r}: must be a finite number greater than 0 [-]")
-    return Controller(request.controller, **given)
-
-
-def _emulated(rig: Rig, request: Request, continuous: bool) -> Rig:
-    """Return the rig with the period, delay and noise of its emulator, unless they were given."""
-    if rig.emulator == Emulator():
-        raise InputError(
-            f"--emulate: the rig {rig.name!r} has no [emulator] table; give it inductance [H] and "
-            "resistance [ohm], sensor_step [m], actuator_step [V], period [s] or delay [s]"
-        )
-    if continuous:
-        raise InputError("--emulate: the emulated rig runs a sampled controller, not sample-time 0")
-    period = request.sample_time
-    found = emulated(rig)
-    return found if period is None else _with_period(found, period)
-
-
-def _with_period(rig: Rig, period: float) -> Rig:
-    data = rig.model_dump(exclude_none=True)
-    data["sampling"]["period"] = period
-    return make_rig(data, "--sample-time")
-
-
-def _started(rig: Rig, scenario: Scenario, request: Request) -> Scenario:
-    """Return the scenario with the start that was asked for, checked against the gap limits."""
-    if request.initial_error is not None:
-        gap = rig.reference.start_gap + request.initial_error
-        low, high = rig.limits.gap
-        if not low < gap < high:
-            raise InputError(
-                f"initial-error = {request.initial_error!r} m: the ball would start at {gap:.4g} m;"
-                f" allowed is a start inside limits.gap, {low:g} m to {high:g} m"
-            )
-        scenario = replace(scenario, initial_gap=gap)
-    if request.initial_velocity is not None:
-        if not math.isfinite(request.initial_velocity):
-            raise InputError(f"initial-velocity = {request.initial_velocity!r}: must be finite")
-        scenario = replace(scenario, initial_velocity=request.initial_velocity)
-    return scenario
-
-
-def _print(rig: Rig, response: Response, bounds: dict[str, float]) -> None:
-    metrics = response.metrics
+def _print(run: Run, response: Response, stated: StatedErrors) -> None:
+    metrics, kind = response.metrics, "a bound" if stated.bound else "an estimate"
+    sys.stdout.write(f"{run}\n\n")
     rows: list[tuple[str, str]] = [
         ("ISE", number(metrics.ise, "m² s", 6)),
         ("IAE", number(metrics.iae, "m s", 6)),
         ("ITAE", number(metrics.itae, "m s²", 6)),
         *[(f"  of it {k}", number(v, "m s²", 6)) for k, v in metrics.itae_split.items()],
-        ("largest relative error of these", number(max(bounds.values()), "", 2)),
+        (f"largest relative error, {kind}", number(max(stated.relative.values()), "", 2)),
         ("largest commanded voltage", number(metrics.peak_voltage, "V")),
         ("smallest commanded voltage", number(metrics.min_voltage, "V")),
         ("largest applied voltage", number(metrics.peak_applied, "V")),
@@ -285,7 +148,7 @@ def _print(rig: Rig, response: Response, bounds: dict[str, float]) -> None:
         ("error at the end", number(1e6 * metrics.final_error, "µm")),
         ("ball", "levitated" if metrics.crash is None else metrics.crash.where),
     ]
-    table(rig.name, ("figure", "value"), rows)
+    table(run.rig.name, ("figure", "value"), rows)
 
 
 def _csv(response: Response) -> str:

@@ -51,9 +51,13 @@ class Scenario:
 
     def __post_init__(self) -> None:
         check_numbers(positive=True, beta_plant=self.beta_plant, gravity=self.gravity)
-        start = {"initial_gap": self.initial_gap, "initial_velocity": self.initial_velocity}
-        check_numbers(**start, gap_offset=self.gap_offset)
-        check_numbers(input_noise=self.input_noise, position_noise=self.position_noise)
+        check_numbers(
+            initial_gap=self.initial_gap,
+            initial_velocity=self.initial_velocity,
+            gap_offset=self.gap_offset,
+            input_noise=self.input_noise,
+            position_noise=self.position_noise,
+        )
         for name, value in (("seed", self.seed), ("index", self.index)):
             if not 0 <= value < 2**32:
                 raise InputError(f"{name} = {value!r}: must be a whole number from 0 to 2^32 - 1")
