@@ -82,15 +82,17 @@ def test_a_force_constant_that_no_plant_has_is_refused(value: float) -> None:
 @pytest.mark.parametrize("name", [*NUMBERS, *NOISES])
 def test_a_scenario_holds_no_nan(name: str) -> None:
     for value in (math.nan, math.inf):
+        changes: dict[str, Any] = {name: value}
         with pytest.raises(InputError, match=f"{name} = {value!r}"):
-            replace(SCENARIO, **{name: value})
+            replace(SCENARIO, **changes)
 
 
 @pytest.mark.parametrize("name", ["seed", "index"])
 @pytest.mark.parametrize("value", [-1, 2**32])
 def test_a_stream_of_noise_that_is_not_there_is_refused(name: str, value: int) -> None:
+    changes: dict[str, Any] = {name: value}
     with pytest.raises(InputError, match=f"{name} = {value}: must be a whole number"):
-        replace(SCENARIO, **{name: value})
+        replace(SCENARIO, **changes)
 
 
 def test_gains_and_integration_steps_that_are_none_are_refused() -> None:
