@@ -84,9 +84,11 @@ def mirrored(rig: Rig, scenario: Scenario) -> Scenario:
 
 
 def check_fits(loop: graphs.LoopGraph, design: Design) -> None:
-    """Raise `ValueError` when a loop was built for another controller, method or rig."""
-    rig, path = loop.rig, loop.rig.reference
-    move = (path.start_gap, path.end_gap, path.start_time, path.end_time)
+    """Raise `ValueError` when a loop was built for another controller, method or rig.
+
+    Another plant is none of it, nor another path: a controller may meet both.
+    """
+    rig = loop.rig
     sampled = loop.method is not None
     for name, own, wanted in (
         ("controller", loop.controller, design.controller),
@@ -94,7 +96,6 @@ def check_fits(loop: graphs.LoopGraph, design: Design) -> None:
         ("period [s]", rig.sampling.period, design.period if sampled else rig.sampling.period),
         ("Y [m]", rig.operating_point.gap, design.Y),
         ("range of voltage [V]", tuple(rig.limits.voltage), tuple(design.voltage_limits)),
-        ("reference", move, tuple(design.reference)),
     ):
         if own != wanted:
             raise ValueError(
