@@ -36,9 +36,10 @@ SUBJECTS: tuple[tuple[Equilibrium, bool], ...] = (
 
 def made(rig: Rig, poles: PoleSpec, reading: Equilibrium, **options: Any) -> Design:
     """The design of a rig that has its voltage measured, by default 3 % off the model's."""
-    held = rig.operating_point.voltage or 1.03 * true_equilibrium(
-        rig, plant_beta(rig), rig.operating_point.gap
-    ).U
+    held = (
+        rig.operating_point.voltage
+        or 1.03 * true_equilibrium(rig, plant_beta(rig), rig.operating_point.gap).U
+    )
     return make_design(rig, poles, equilibrium=reading, **({"voltage": held} | options))
 
 

@@ -65,8 +65,8 @@ def _print_region(region: dict[str, Any]) -> None:
     share = region["share_of_simulated"]
     sys.stdout.write(
         f"Nonlinear, saturated loop of the continuous law, regulating at {1e3 * region['gap']:.4g} "
-        f"mm: from rest every error from {low:.4g} mm to {high:.4g} mm is guaranteed, at every ratio of the "
-        f"family; {region['cells']} cells proved. Area {region['area']:.3g} m²/s"
+        f"mm: from rest every error from {low:.4g} mm to {high:.4g} mm is guaranteed, at every "
+        f"ratio of the family; {region['cells']} cells proved. Area {region['area']:.3g} m²/s"
         + ("" if share is None else f", {100 * share:.3g} % of what the simulation survives")
         + f"; {len(region['contradictions'])} contradictions.\n\n"
     )
