@@ -8,7 +8,7 @@ from typing import Literal, get_args
 Method = Literal["tustin", "euler", "zoh"]
 Equilibrium = Literal["model", "appendix-a", "measured"]
 Objective = Literal["itae", "iae", "ise"]
-Scenarios = Literal["nominal", "robust"]
+Scenarios = Literal["nominal", "robust", "emulated"]
 ControllerName = Literal["tan-gpi", "fee-gpi", "lin-pid", "state-feedback"]
 Feedforward = Literal["none", "static"]
 Derivative = Literal["error", "measurement"]

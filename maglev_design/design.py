@@ -279,6 +279,12 @@ def path_gaps(rig: Rig, points: int) -> NDArray[np.float64]:
     )
 
 
+def fastest_unstable_pole(rig: Rig) -> float:
+    """Return p = sqrt(C_Y) [1/s] of the plant at the smallest gap of its path."""
+    gap = float(path_gaps(rig, 2)[0])
+    return math.sqrt(true_equilibrium(rig, plant_beta(rig), gap).C_Y)
+
+
 def true_equilibrium(rig: Rig, beta: float, gap: float) -> Believed:
     """Return U, C_U and C_Y of the plant with `beta` at rest at `gap`."""
     u, c_u, c_y = plant_program().scalar()(rig.plant.gravity, beta, rig.plant.gap_offset, gap)

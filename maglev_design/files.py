@@ -84,12 +84,21 @@ def read_document(path: Path, kind: str, largest: int) -> dict[str, Any]:
     Raises
     ------
     InputError
-        When it cannot be read or is something else.
+        When it cannot be read or is something else, or a table in it has a key twice.
     """
+
+    def table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            names = [name for name, _ in pairs]
+            twice = next(name for name in names if names.count(name) > 1)
+            raise InputError(f"{path}: {twice[:80]!r} stands twice in one table; leave one of them")
+        return found
+
     try:
         if path.stat().st_size > largest:
             raise InputError(f"{path}: larger than {largest} bytes, not {kind}")
-        document = json.loads(path.read_bytes().decode("utf-8"))
+        document = json.loads(path.read_bytes().decode("utf-8"), object_pairs_hook=table)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
     except (UnicodeDecodeError, ValueError, RecursionError) as error:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from maglev_design.certify.intervals.interval import exact_loop, gaps_at, ratios
 from maglev_design.certify.intervals.routh import hurwitz_determinant, is_hurwitz
 from maglev_design.certify.intervals.spans import ZERO, End, StableSet, unite
 from maglev_design.choices import EQUILIBRIA, Controller, Equilibrium
-from maglev_design.design import PoleSpec, make_design, plant_beta, true_equilibrium
+from maglev_design.design import Design, PoleSpec, make_design, plant_beta, true_equilibrium
 from maglev_design.parameters import Rig, load_rig, preset_names
 from maglev_design.simulate import Scenario, loop_for, simulate
 
@@ -26,13 +27,34 @@ NEAR = 1e-7
 """Relative distance from an end at which eigenvalues are asked."""
 MEASURED = rig_with(OFFSET, {"operating_point.voltage": 7.5})
 EVERY = [load_rig(name) for name in preset_names()] + [rig_with(OFFSET), MEASURED]
+SUBJECTS: tuple[tuple[Equilibrium, bool], ...] = (
+    *((reading, False) for reading in EQUILIBRIA),
+    *((reading, True) for reading in EQUILIBRIA),
+)
+"""Readings, and whether the controller is computed anew on each plant."""
 
 
-def rightmost(rig: Rig, poles: PoleSpec, reading: Equilibrium, ratio: float, gap: float) -> float:
+def made(rig: Rig, poles: PoleSpec, reading: Equilibrium, **options: Any) -> Design:
+    """The design of a rig that has its voltage measured, by default 3 % off the model's."""
+    held = (
+        rig.operating_point.voltage
+        or 1.03 * true_equilibrium(rig, plant_beta(rig), rig.operating_point.gap).U
+    )
+    return make_design(rig, poles, equilibrium=reading, **({"voltage": held} | options))
+
+
+def rightmost(
+    rig: Rig, poles: PoleSpec, subject: tuple[Equilibrium, bool], ratio: float, gap: float
+) -> float:
     """Largest real part of the TAN-GPI loop's poles, from the numbers of the design that runs."""
-    beta = plant_beta(rig)
-    design = make_design(rig, poles, equilibrium=reading, beta_c=beta, beta_plant=beta / ratio)
-    true = true_equilibrium(rig, beta / ratio, gap)
+    reading, anew = subject
+    design = made(rig, poles, reading)
+    beta = design.beta_at(ratio)
+    if anew:
+        beta = plant_beta(rig) / ratio
+        voltage = true_equilibrium(rig, beta, rig.operating_point.gap).U
+        design = made(rig, poles, reading, voltage=voltage)
+    true = true_equilibrium(rig, beta, gap)
     k0, k1, k2, k3 = design.gains
     rho, seen = true.C_U / design.believed.C_U, design.believed.C_Y
     law = rho * np.array([k2 + seen, k1 + k3 * seen, k0])
@@ -106,8 +128,8 @@ def test_cells_join_only_where_the_end_between_them_is_stable() -> None:
 
 
 def test_the_paper_s_rig_has_the_ends_that_the_condition_gives() -> None:
-    found = {r: exact_loop(PAPER, POLES, r) for r in EQUILIBRIA}
-    at_y = {r: ratios_at(x, r, 0.0246).spans[0].upper for r, x in found.items()}
+    found = {r: exact_loop(PAPER, make_design(PAPER, POLES), r) for r in EQUILIBRIA}
+    at_y = {r: ratios_at(x, 0.0246).spans[0].upper for r, x in found.items()}
     assert at_y["appendix-a"].exact == "5"
     # by hand: ((w^2 + C)/(w^2/5 + C))^2 with w = 70 and C = 2 g/Y
     own = Fraction(981, 100) * 2 / Fraction(246, 10000)
@@ -116,39 +138,41 @@ def test_the_paper_s_rig_has_the_ends_that_the_condition_gives() -> None:
     assert at_y["model"].value == pytest.approx(10.27, abs=0.005)
     assert at_y["measured"].value == math.inf
     assert at_y["measured"].exact is None
-    for reading, loop in found.items():
-        (span,) = gaps_at(loop, reading).spans
+    for loop in found.values():
+        (span,) = gaps_at(loop).spans
         assert (span.lower.exact, span.upper.exact) == ("0", "123/1000")  # 5 Y
 
 
 @pytest.mark.parametrize("poles", [POLES, UNEQUAL, LIGHT], ids=["double", "unequal", "light"])
-@pytest.mark.parametrize("reading", EQUILIBRIA)
+@pytest.mark.parametrize("reading", SUBJECTS, ids=str)
 @pytest.mark.parametrize("rig", EVERY, ids=lambda rig: rig.name[:12] or "rig")
 def test_roots_change_sides_at_every_end_and_nowhere_else(
-    rig: Rig, reading: Equilibrium, poles: PoleSpec
+    rig: Rig, reading: tuple[Equilibrium, bool], poles: PoleSpec
 ) -> None:
-    loop, own = exact_loop(rig, poles, reading), rig.operating_point.gap
-    found = ratios_at(loop, reading, own)
+    own = rig.operating_point.gap
+    loop = exact_loop(rig, made(rig, poles, reading[0]), reading[0] if reading[1] else None)
+    found = ratios_at(loop, own)
     for end, inwards in ends_of(found):
         assert rightmost(rig, poles, reading, end * (1 + inwards * NEAR), own) < 0
         assert rightmost(rig, poles, reading, end * (1 - inwards * NEAR), own) > 0
     for ratio in np.geomspace(1e-3, 1e3, 61):
         inside = any(s.lower.value < ratio < s.upper.value for s in found.spans)
         assert (rightmost(rig, poles, reading, float(ratio), own) < 0) == inside
-    gaps = gaps_at(loop, reading)
+    gaps = gaps_at(loop)
     for end, inwards in ends_of(gaps):
         assert rightmost(rig, poles, reading, 1.0, end * (1 + inwards * NEAR)) < 0
         assert rightmost(rig, poles, reading, 1.0, end * (1 - inwards * NEAR)) > 0
 
 
 @pytest.mark.parametrize("name", ["tan-gpi", "fee-gpi", "lin-pid", "state-feedback"])
-@pytest.mark.parametrize("reading", EQUILIBRIA)
+@pytest.mark.parametrize("reading", [None, *EQUILIBRIA])
 def test_over_a_range_of_gaps_the_sets_of_its_gaps_are_intersected(
-    reading: Equilibrium, name: str
+    reading: Equilibrium | None, name: str
 ) -> None:
-    loop = exact_loop(PAPER, UNEQUAL, reading, Controller(name))  # type: ignore[arg-type]
-    over = ratios_over(loop, reading, (0.012, 0.06))
-    single = [ratios_at(loop, reading, float(gap)) for gap in np.linspace(0.012, 0.06, 13)]
+    design = make_design(PAPER, UNEQUAL, controller=Controller(name))  # type: ignore[arg-type]
+    loop = exact_loop(PAPER, design, reading)
+    over = ratios_over(loop, (0.012, 0.06))
+    single = [ratios_at(loop, float(gap)) for gap in np.linspace(0.012, 0.06, 13)]
     for ratio in np.geomspace(0.01, 100, 200):
         everywhere = all(
             any(s.lower.value < ratio < s.upper.value for s in found.spans) for found in single
@@ -157,10 +181,10 @@ def test_over_a_range_of_gaps_the_sets_of_its_gaps_are_intersected(
 
 
 def test_an_irrational_root_of_the_scale_is_met() -> None:
-    loop = exact_loop(MEASURED, UNEQUAL, "measured")
+    loop = exact_loop(MEASURED, make_design(MEASURED, UNEQUAL, equilibrium="appendix-a"))
     assert loop.power == 2
     assert math.isqrt(loop.scale.numerator) ** 2 != loop.scale.numerator
-    (span,) = gaps_at(loop, "measured").spans
+    (span,) = gaps_at(loop).spans
     assert span.upper.exact is not None
     assert "sqrt" in span.upper.exact or "root" in span.upper.exact
 
@@ -168,9 +192,9 @@ def test_an_irrational_root_of_the_scale_is_met() -> None:
 def test_a_loop_that_is_nowhere_stable_has_an_empty_set() -> None:
     # FEE-GPI places no pole for the plant's own instability, which a short magnet makes fast
     rig = load_rig("humusoft-ce152")
-    loop = exact_loop(rig, POLES, "measured", Controller("fee-gpi"))
-    found = ratios_at(loop, "measured", rig.operating_point.gap)
-    shown = found.as_dict(Fraction(1))
+    loop = exact_loop(rig, make_design(rig, POLES, controller=Controller("fee-gpi")), "measured")
+    found = ratios_at(loop, rig.operating_point.gap)
+    shown = found.as_dict(Fraction(1), "model")
     assert found.spans == ()
     assert not shown["stable"]
     assert shown["upper"] is None
@@ -180,11 +204,10 @@ def test_a_loop_that_is_nowhere_stable_has_an_empty_set() -> None:
 # --- the nonlinear plant --------------------------------------------------------------------
 
 
-def growth(rig: Rig, reading: Equilibrium, ratio: float) -> float:
+def growth(rig: Rig, ratio: float) -> float:
     """Late over early amplitude on the nonlinear plant, continuous law; inf if the ball is lost."""
-    beta = plant_beta(rig)
-    design = make_design(rig, LIGHT, equilibrium=reading, beta_c=beta, beta_plant=beta / ratio)
-    scenario = Scenario(beta / ratio, rig.reference.start_gap + 1e-6)
+    design = make_design(rig, LIGHT)
+    scenario = Scenario(design.beta_at(ratio), rig.reference.start_gap + 1e-6)
     response = simulate(loop_for(rig, design, continuous=True), design, scenario)
     if response.metrics.crash is not None:
         return math.inf
@@ -199,16 +222,12 @@ def held_at(gap: float) -> Rig:
     return rig_with(MINIMAL, {"reference": path, "initial": {"gap": gap}})
 
 
-@pytest.mark.parametrize("reading", EQUILIBRIA)
-def test_the_nonlinear_loop_grows_beyond_an_end_and_calms_down_before_it(
-    reading: Equilibrium,
-) -> None:
+def test_the_nonlinear_loop_grows_beyond_an_end_and_calms_down_before_it() -> None:
     rig = held_at(0.0246)
-    loop = exact_loop(rig, LIGHT, reading)
-    if reading != "measured":
-        (span,) = ratios_at(loop, reading, 0.0246).spans
-        assert growth(rig, reading, 0.98 * span.upper.value) < 0.9
-        assert growth(rig, reading, 1.02 * span.upper.value) > 1.1
-    (gaps,) = gaps_at(loop, reading).spans
-    assert growth(held_at(0.98 * gaps.upper.value), reading, 1.0) < 0.9
-    assert growth(held_at(1.02 * gaps.upper.value), reading, 1.0) > 1.1
+    loop = exact_loop(rig, make_design(rig, LIGHT))
+    (span,) = ratios_at(loop, 0.0246).spans
+    assert growth(rig, 0.98 * span.upper.value) < 0.9
+    assert growth(rig, 1.02 * span.upper.value) > 1.1
+    (gaps,) = gaps_at(loop).spans
+    assert growth(held_at(0.98 * gaps.upper.value), 1.0) < 0.9
+    assert growth(held_at(1.02 * gaps.upper.value), 1.0) > 1.1

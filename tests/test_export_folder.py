@@ -97,7 +97,7 @@ def test_a_verified_and_certified_design_is_exported_without_a_word(
     tuned_record: DesignRecord, tmp_path: Path
 ) -> None:
     record = with_document(tuned_record, certificate={"certified": True})
-    assert doubts(record.document) == ()
+    assert doubts(record) == ()
     done = export_folder(record, "c", tmp_path / "out")
     assert done.doubts == ()
     assert "NOT VERIFIED" not in (tmp_path / "out" / "maglev.h").read_text("ascii")

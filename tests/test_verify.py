@@ -198,9 +198,9 @@ def test_a_controller_that_passes_a_nan_on_is_found(controller: Controller) -> N
 def test_a_delay_that_the_loop_does_not_stand_is_not_promised(controller: Controller) -> None:
     device = python_printing(controller)
     margin = controller.record.document["margins"]["delay_s"]
-    assert longest_delay(controller, device, margin).passed
-    too_long = {**margin, "value": 1.25 * margin["value"]}
-    assert not longest_delay(controller, device, too_long).passed
+    plant = margin["gap"], controller.record.design.beta_at(margin["ratio"]), 0.0
+    assert longest_delay(controller, device, margin["value"], *plant).passed
+    assert not longest_delay(controller, device, 1.25 * margin["value"], *plant).passed
 
 
 def test_every_class_of_number_is_tried(controller: Controller) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
@@ -18,12 +18,14 @@ from maglev_design.certify.intervals.sampled_limits import Limit, largest_delay,
 from maglev_design.certify.intervals.sampled_path import sampled_ratios_over
 from maglev_design.certify.intervals.spans import StableSet
 from maglev_design.certify.margins import Margins, PointMargins
+from maglev_design.certify.numbers import check_same_rig
 from maglev_design.certify.rationals import decimal
-from maglev_design.choices import EQUILIBRIA, TAN_GPI, Controller, Equilibrium, Method
-from maglev_design.design import PoleSpec
+from maglev_design.choices import EQUILIBRIA, TAN_GPI, Equilibrium
+from maglev_design.design import Design, gains_program
 from maglev_design.errors import InputError
 from maglev_design.loop import Extreme, Family
 from maglev_design.parameters import Rig
+from maglev_design.plain import finite
 from maglev_design.symbolic import robustness, stability
 
 ONE = Fraction(1)
@@ -32,29 +34,26 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Subject:
-    """Which loop is judged, and over which family.
+    """Which controller is judged, on which rig, and over which family of plants.
 
     Attributes
     ----------
+    rig : Rig
+    design : Design
+        One controller; its numbers stay whatever the plant.
     family : Family
-        Gaps [m] and ratios beta_c/beta.
+        Gaps [m], ratios beta_c/beta and errors of y0 [m].
     """
 
     rig: Rig
-    poles: PoleSpec
-    equilibrium: Equilibrium
-    method: Method
+    design: Design
     family: Family
-    controller: Controller = TAN_GPI
 
 
 def subject(
     rig: Rig,
-    poles: PoleSpec,
+    design: Design,
     *,
-    equilibrium: Equilibrium = "model",
-    method: Method | None = None,
-    controller: Controller = TAN_GPI,
     beta_error: float | None = None,
     gap_range: tuple[float, float] | None = None,
 ) -> Subject:
@@ -63,12 +62,10 @@ def subject(
     Raises
     ------
     InputError
-        For an uncertainty outside [0, 1) or a range of gaps that is none.
+        For a design of another rig, an uncertainty outside [0, 1), or a range of gaps that is none.
     """
-    error = rig.uncertainty.beta if beta_error is None else beta_error
-    if not 0 <= error < 1:
-        raise InputError(f"beta-error = {error!r} [-]: must be at least 0 and less than 1")
-    over = loops.family(rig, error)
+    check_same_rig(rig, design)
+    over = loops.family(rig, design.equilibrium, beta_error)
     if gap_range is not None:
         low, high = gap_range
         if not (0 < low <= high < math.inf):
@@ -76,8 +73,8 @@ def subject(
                 f"gap-range = {low!r} {high!r} [m]: must be two gaps, the first above 0 and not "
                 "above the second"
             )
-        over = Family((low, high), over.ratios)
-    return Subject(rig, poles, equilibrium, method or rig.sampling.method, over, controller)
+        over = replace(over, gaps=(low, high))
+    return Subject(rig, design, over)
 
 
 @dataclass(frozen=True)
@@ -89,14 +86,16 @@ class Assessment:
     conditions : tuple of str
         What must be positive for the continuous loop, in symbols.
     closed_form : mapping of str to str
-        By reading, the ratio below which it is stable; empty but for TAN-GPI with a double pair.
-    at_y, over_gaps, gaps : tuple of StableSet
-        Continuous loop, one a reading: ratios at Y and over the family's gaps; gaps at exact beta.
-    sampled_at_y : tuple of StableSet
-        One a reading.
-    sampled_over_gaps : StableSet
-        The subject's reading, around exact beta.
-    period, delay : Limit or None
+        The ratio below which it is stable: ``fixed`` of this controller, by reading of one that is
+        computed anew on each plant; empty but for TAN-GPI with a double pair.
+    exact : tuple of StableSet
+        Continuous loop: ratios at Y and over the family's gaps, first of this controller, then by
+        reading of one that is computed anew on each plant.
+    gaps : StableSet
+        Continuous loop: gaps at exact beta.
+    sampled_at_y, sampled_over_gaps : StableSet
+        Sampled loop: ratios; over the family's gaps those around exact beta.
+    period, delay : Limit
         Exact beta, every gap of the family.
     spectral_radius : Extreme
         Largest over a grid of the family.
@@ -107,13 +106,12 @@ class Assessment:
     subject: Subject
     conditions: tuple[str, ...]
     closed_form: dict[str, str]
-    at_y: tuple[StableSet, ...]
-    over_gaps: tuple[StableSet, ...]
-    gaps: tuple[StableSet, ...]
-    sampled_at_y: tuple[StableSet, ...]
+    exact: tuple[StableSet, ...]
+    gaps: StableSet
+    sampled_at_y: StableSet
     sampled_over_gaps: StableSet
-    period: Limit | None
-    delay: Limit | None
+    period: Limit
+    delay: Limit
     spectral_radius: Extreme
     continuous: tuple[PointMargins, ...]
     sampled: tuple[PointMargins, ...]
@@ -130,21 +128,22 @@ class Assessment:
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything for JSON."""
-        own = self.subject
-        sampling = own.rig.sampling
-        nominal = decimal(own.rig.operating_point.gap)
+        own, design = self.subject, self.subject.design
+        sampling, reading = own.rig.sampling, design.equilibrium
         return {
-            "controller": own.controller.name,
-            "poles": [list(own.poles.first), list(own.poles.second)],
-            "equilibrium": own.equilibrium,
-            "method": own.method,
-            "family": {"gaps": list(own.family.gaps), "ratios": list(own.family.ratios)},
+            "controller": design.controller.name,
+            "controller_sha256": design.sha256,
+            "numbers": finite(design.numbers),
+            "poles": [list(design.poles.first), list(design.poles.second)],
+            "equilibrium": reading,
+            "method": design.method,
+            "family": _family(own),
             "conditions": list(self.conditions),
             "closed_form": self.closed_form,
-            "exact_interval": [found.as_dict(ONE) for found in (*self.at_y, *self.over_gaps)],
-            "exact_gaps": [found.as_dict(nominal) for found in self.gaps],
+            "exact_interval": [found.as_dict(ONE, reading) for found in self.exact],
+            "exact_gaps": [self.gaps.as_dict(decimal(design.Y), reading)],
             "sampled_interval": [
-                found.as_dict(ONE) for found in (*self.sampled_at_y, self.sampled_over_gaps)
+                found.as_dict(ONE, reading) for found in (self.sampled_at_y, self.sampled_over_gaps)
             ],
             "margins": self.margins.as_dict(),
             "margins_continuous": self.continuous_margins.as_dict(),
@@ -155,10 +154,10 @@ class Assessment:
             "sampled": {
                 "period_s": sampling.period,
                 "delay_s": sampling.delay,
-                "max_period_s": self.period.stable if self.period else None,
-                "max_delay_s": self.delay.stable if self.delay else None,
-                "max_period": self.period.as_dict() if self.period else None,
-                "max_delay": self.delay.as_dict() if self.delay else None,
+                "max_period_s": self.period.value,
+                "max_delay_s": self.delay.value,
+                "max_period": self.period.as_dict(),
+                "max_delay": self.delay.as_dict(),
                 "spectral_radius": self.spectral_radius.value,
                 "spectral_radius_at": {
                     "gap": self.spectral_radius.gap,
@@ -168,56 +167,64 @@ class Assessment:
         }
 
 
+def _family(own: Subject) -> dict[str, Any]:
+    over, offset = own.family, own.rig.plant.gap_offset
+    return {
+        "gaps": list(over.gaps),
+        "ratios": list(over.ratios),
+        "gap_offsets": [offset + shift for shift in over.shifts],
+        "voltage_held": over.held is not None,
+    }
+
+
 def assess(own: Subject, progress: Progress = lambda _stage, _done: None) -> Assessment:
     """Return what holds of a loop: exact intervals, enclosed ends, margins."""
-    rig, poles, controller = own.rig, own.poles, own.controller
-    at_y, gaps = rig.operating_point.gap, own.family.gaps
+    rig, design, gaps = own.rig, own.design, own.family.gaps
     progress("exact intervals", 0.0)
-    exact = {r: interval.exact_loop(rig, poles, r, controller) for r in EQUILIBRIA}
+    readings: tuple[Equilibrium | None, ...] = (None, *EQUILIBRIA)
+    every = [interval.exact_loop(rig, design, reading) for reading in readings]
+    exact = [(interval.ratios_at(x, design.Y), interval.ratios_over(x, gaps)) for x in every]
     progress("sampled intervals", 0.1)
-    settings = {r: setting(rig, poles, r, own.method, controller) for r in EQUILIBRIA}
-    when = timing(decimal(rig.sampling.period), decimal(rig.sampling.delay))
-    mine = settings[own.equilibrium]
-    sampled_at_y = tuple(sampled_ratios_at(s, when, r, at_y) for r, s in settings.items())
+    sampled, (period, delay) = setting(rig, design), (rig.sampling.period, rig.sampling.delay)
+    when = timing(decimal(period), decimal(delay))
+    at_y = sampled_ratios_at(sampled, when, design.Y)
     progress("sampled interval over the gaps", 0.3)
-    over = sampled_ratios_over(mine, when, own.equilibrium, gaps)
+    over = sampled_ratios_over(sampled, when, gaps)
     progress("largest period", 0.5)
-    period = largest_period(mine, rig.sampling.period, rig.sampling.delay, gaps)
+    longest = largest_period(sampled, period, delay, gaps)
     progress("largest delay", 0.6)
-    delay = largest_delay(mine, rig.sampling.period, rig.sampling.delay, gaps)
+    latest = largest_delay(sampled, period, delay, gaps)
     progress("margins", 0.8)
-    loop = loops.build_loop(
-        rig, equilibrium=own.equilibrium, method=own.method, controller=controller
-    )
-    law = designs.law(controller)
+    loop, law = loops.loop_of(rig, design), designs.law(design.controller)
+    poles, continuous = design.poles.values, margins.continuous_open_loop(rig, design)
     return Assessment(
         subject=own,
         conditions=tuple(str(c) for c in robustness.stability_conditions(law)),
-        closed_form=_closed_form(own),
-        at_y=tuple(interval.ratios_at(x, r, at_y) for r, x in exact.items()),
-        over_gaps=tuple(interval.ratios_over(x, r, gaps) for r, x in exact.items()),
-        gaps=tuple(interval.gaps_at(x, r) for r, x in exact.items()),
-        sampled_at_y=sampled_at_y,
+        closed_form=_closed_form(design),
+        exact=tuple(found for pair in exact for found in pair),
+        gaps=interval.gaps_at(every[0]),
+        sampled_at_y=at_y,
         sampled_over_gaps=over,
-        period=period,
-        delay=delay,
-        spectral_radius=loops.spectral_radius(loop, poles.values, own.family),
-        continuous=margins.point_margins(
-            margins.continuous_open_loop(rig, poles, own.equilibrium, controller), own.family, None
-        ),
+        period=longest,
+        delay=latest,
+        spectral_radius=loops.spectral_radius(loop, poles, own.family),
+        continuous=margins.point_margins(continuous, own.family, None),
         sampled=margins.point_margins(
-            margins.sampled_open_loop(loop, poles.values), own.family, loop.period
+            margins.sampled_open_loop(loop, poles), own.family, loop.period
         ),
     )
 
 
-def _closed_form(own: Subject) -> dict[str, str]:
+def _closed_form(design: Design) -> dict[str, str]:
     """Return the general condition and what it says of the ratio, for the gains (25)."""
-    if own.controller != TAN_GPI or own.poles.first != own.poles.second:
+    made = gains_program(design.controller).scalar()(*design.poles.values)
+    if design.controller != TAN_GPI or design.poles.first != design.poles.second:
         return {}
-    law, measured = designs.law(own.controller), own.rig.operating_point.voltage is not None
+    if not all(map(math.isclose, made, design.gains)):
+        return {}
+    law = designs.law(design.controller)
     forms = {"condition": f"{stability.stability_condition()} > 0"}
-    for reading in EQUILIBRIA:
-        end = robustness.largest_ratio(reading, measured=measured, law=law)
-        forms[reading] = "no ratio enters" if end is None else f"r < {end}"
+    for reading in (None, *EQUILIBRIA):
+        end = robustness.largest_ratio(law, reading)
+        forms[reading or "fixed"] = "no ratio enters" if end is None else f"r < {end}"
     return forms

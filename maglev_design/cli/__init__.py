@@ -112,7 +112,13 @@ def derive(
 
 @app.command()
 def simulate(
-    rig: RigOption = DEFAULT_PRESET,
+    rig: Annotated[
+        str | None,
+        typer.Option(
+            "--rig",
+            help=f"A rig file (FILE.toml) or the name of a preset; default: {DEFAULT_PRESET}.",
+        ),
+    ] = None,
     design: Annotated[
         Path | None, typer.Option(help="A saved design.json; its rig and controller are used.")
     ] = None,
@@ -120,7 +126,9 @@ def simulate(
         Literal["nominal", "noise", "mismatch"],
         typer.Option(help="nominal; noise; or noise with beta_c = 1.15 beta."),
     ] = "nominal",
-    controller: Annotated[ControllerName, typer.Option(help="Which law.")] = "tan-gpi",
+    controller: Annotated[
+        ControllerName | None, typer.Option(help="Which law; default: tan-gpi.")
+    ] = None,
     feedforward: Annotated[
         Feedforward | None, typer.Option(help="lin-pid: the voltage that holds the ball at y*.")
     ] = None,
@@ -310,7 +318,11 @@ def tune(
         typer.Option(help="Voltage made by sensor noise [V]; default 5 % of the range."),
     ] = None,
     scenarios: Annotated[
-        Scenarios, typer.Option(help="robust adds noise and both signs of the initial error.")
+        Scenarios,
+        typer.Option(
+            help="robust adds noise and both signs of the initial error; emulated tunes on the rig "
+            "of [emulator], at its period."
+        ),
     ] = "nominal",
     poles: Annotated[
         Literal["double", "distinct"],
@@ -501,7 +513,10 @@ def certify(
     ] = None,
     check: Annotated[
         Path | None,
-        typer.Option("--check", help="Only verify a written certificate.json, without a solver."),
+        typer.Option(
+            "--check",
+            help="Only verify a written certificate.json, without a solver; with a design: its.",
+        ),
     ] = None,
     output: Annotated[
         Path | None,
@@ -513,25 +528,21 @@ def certify(
     """Prove for which beta, gaps, periods, delays and errors a controller is stable."""
     from maglev_design.cli import certify_verb  # noqa: PLC0415
 
-    if check is not None:
-        certify_verb.check(check, as_json=json)
-        return
-    certify_verb.certify(
-        certify_verb.Request(
-            design=design,
-            rig=rig,
-            controller=controller,
-            zeta=zeta,
-            omega_n=omega_n,
-            equilibrium=equilibrium,
-            method=method,
-            gap_range=gap_range,
-            beta_error=beta_error,
-        ),
-        output,
-        force=force,
-        as_json=json,
+    request = certify_verb.Request(
+        design=design,
+        rig=rig,
+        controller=controller,
+        zeta=zeta,
+        omega_n=omega_n,
+        equilibrium=equilibrium,
+        method=method,
+        gap_range=gap_range,
+        beta_error=beta_error,
     )
+    if check is not None:
+        certify_verb.check(check, request, as_json=json)
+        return
+    certify_verb.certify(request, output, force=force, as_json=json)
 
 
 @app.command()

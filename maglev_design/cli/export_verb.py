@@ -21,8 +21,9 @@ def export(
     as_json: bool,
 ) -> None:
     """Write the folder and print what is in it."""
+    record = load(design)
     done = export_folder(
-        load(design),
+        record,
         target,
         output,
         prefix=prefix,
@@ -34,6 +35,7 @@ def export(
             {
                 "target": target,
                 "prefix": prefix,
+                "controller_sha256": record.design.sha256,
                 "verified": not done.doubts,
                 "doubts": list(done.doubts),
                 "files": list(done.sha256),

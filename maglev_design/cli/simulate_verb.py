@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from maglev_design.choices import ControllerName, Equilibrium, Method
+from maglev_design.choices import DEFAULT_PRESET, ControllerName, Equilibrium, Method
 from maglev_design.cli.law import chosen_law
 from maglev_design.cli.output import number, print_json, say, table, warn
 from maglev_design.design import (
@@ -20,6 +20,7 @@ from maglev_design.design import (
     check_path_voltage,
     make_design,
     plant_beta,
+    voltage_on_plant,
 )
 from maglev_design.errors import InputError
 from maglev_design.files import write_bytes
@@ -32,14 +33,18 @@ if TYPE_CHECKING:
     from maglev_design.record import DesignRecord
 
 
+RATIOS = (0.01, 100.0)
+"""beta_c/beta that can be meant."""
+
+
 @dataclass(frozen=True)
 class Request:
     """What was asked for on the command line; None where nothing was said."""
 
-    rig: str
+    rig: str | None
     design: Path | None
     test: str
-    controller: ControllerName
+    controller: ControllerName | None
     options: dict[str, Any]
     emulate: bool
     zeta: float | None
@@ -65,11 +70,15 @@ def simulate(request: Request, csv: Path | None, plot: Path | None, *, as_json: 
         rig, design, scenario, continuous=continuous, emulate=request.emulate, run=respond
     )
     _write(rig, response, ratio, csv, plot)
+    saved = request.design is not None
+    ran = what_ran(design, ratio, saved=saved, continuous=continuous)
+    other = _other_period(request, rig, continuous)
     if as_json:
         period = 0.0 if continuous else rig.sampling.period
         shown = _document(design, scenario, response, ratio, bounds, period)
-        print_json(shown | {"emulated": request.emulate})
+        print_json(shown | {"emulated": request.emulate, "ran": ran, "rediscretised": other})
         return
+    sys.stdout.write(ran + ("; rediscretised: another controller" if other else "") + "\n\n")
     _print(rig, response, bounds)
     _tell(response, csv, plot)
 
@@ -142,6 +151,7 @@ def _document(
         "controller": design.controller.name,
         "variant": design.controller.variant or "default",
         "poles": [list(design.poles.first), list(design.poles.second)],
+        "controller_sha256": design.sha256 if period else None,
         "equilibrium": design.equilibrium,
         "method": design.method if period else None,
         "sample_time": period,
@@ -170,6 +180,13 @@ def _tell(response: Response, csv: Path | None, plot: Path | None) -> None:
             say(f"written: {path}")
 
 
+def _other_period(request: Request, rig: Rig, continuous: bool) -> bool:
+    """Whether a saved design was run at another period than its own."""
+    if request.design is None or continuous:
+        return False
+    return _saved(request.design).design.period != rig.sampling.period
+
+
 def _saved(path: Path) -> DesignRecord:
     from maglev_design.record import load  # noqa: PLC0415 - only when a design is given
 
@@ -178,35 +195,30 @@ def _saved(path: Path) -> DesignRecord:
 
 def _set_up(request: Request) -> tuple[Rig, Design, Scenario, float, bool]:
     record = _saved(request.design) if request.design else None
-    rig = record.rig if record else load_rig(request.rig)
+    if record is not None:
+        _nothing_of_the_controller(request)
+    rig = record.rig if record else load_rig(request.rig or DEFAULT_PRESET)
     continuous = request.sample_time == 0
     if request.sample_time is not None and not continuous:
         rig = _with_period(rig, request.sample_time)
     if request.emulate:
-        rig = _emulated(rig, request, continuous)
+        rig = _emulated(rig, request, continuous, saved=record is not None)
     check_path_voltage(rig)
     trial = next(trial for trial in TRIALS if trial.name == request.test)
     ratio = trial.ratio if request.beta_ratio is None else request.beta_ratio
-    if not (math.isfinite(ratio) and ratio > 0):
-        raise InputError(f"beta-ratio = {ratio!r}: must be a finite number greater than 0 [-]")
-    own = plant_beta(rig)
-    beta_c, beta_plant = (own, own / ratio) if record else (own * ratio, own)
-    poles = record.design.poles if record else PoleSpec.double(*PAPER_POLES)
-    if request.zeta is not None or request.omega_n is not None:
-        zeta, omega_n = poles.first
-        poles = PoleSpec.double(
-            zeta if request.zeta is None else request.zeta,
-            omega_n if request.omega_n is None else request.omega_n,
+    low, high = RATIOS
+    if not low <= ratio <= high:
+        raise InputError(
+            f"beta-ratio = {ratio!r} [-]: must be a number from {low:g} to {high:g}, 1 where the "
+            "controller's beta is the plant's; 115 % is 1.15"
         )
-    design = make_design(
-        rig,
-        poles,
-        controller=chosen_law(request.controller, request.options),
-        equilibrium=request.equilibrium or (record.design.equilibrium if record else "model"),
-        method=request.method or (record.design.method if record else rig.sampling.method),
-        beta_c=beta_c,
-        beta_plant=beta_plant,
-    )
+    if record is None:
+        design, beta_plant = _placed(rig, request, ratio)
+    else:
+        design = record.design
+        if rig.sampling.period != design.period:
+            design = _rediscretised(rig, design)
+        beta_plant = design.beta_at(ratio)
     scenario = Scenario(
         beta_plant,
         rig.initial.gap,
@@ -217,8 +229,77 @@ def _set_up(request: Request) -> tuple[Rig, Design, Scenario, float, bool]:
     return rig, design, _started(rig, scenario, request), ratio, continuous
 
 
-def _emulated(rig: Rig, request: Request, continuous: bool) -> Rig:
-    """Return the rig with the period, delay and noise of its emulator, unless they were given."""
+def _placed(rig: Rig, request: Request, ratio: float) -> tuple[Design, float]:
+    """Return the controller of some poles, with beta_c = ratio beta, and the plant's beta."""
+    zeta, omega_n = PAPER_POLES
+    poles = PoleSpec.double(
+        zeta if request.zeta is None else request.zeta,
+        omega_n if request.omega_n is None else request.omega_n,
+    )
+    beta = plant_beta(rig)
+    design = make_design(
+        rig,
+        poles,
+        controller=chosen_law(request.controller or "tan-gpi", request.options),
+        equilibrium=request.equilibrium or "model",
+        method=request.method or rig.sampling.method,
+        beta_c=beta * ratio,
+        voltage=voltage_on_plant(rig, beta),
+    )
+    return design, beta
+
+
+def _rediscretised(rig: Rig, design: Design) -> Design:
+    """Return the law of a design with the same gains at another period: another controller."""
+    return make_design(
+        rig,
+        design.poles,
+        controller=design.controller,
+        equilibrium=design.equilibrium,
+        method=design.method,
+        voltage=design.believed.U,
+        gains=design.gains,
+    )
+
+
+def _nothing_of_the_controller(request: Request) -> None:
+    """Refuse options that a saved design decides."""
+    names = ("rig", "zeta", "omega_n", "equilibrium", "method", "controller")
+    given = [name for name in names if getattr(request, name) is not None]
+    given += [name for name, value in request.options.items() if value is not None]
+    if given:
+        words = ", ".join(f"--{name.replace('_', '-')}" for name in given)
+        raise InputError(
+            f"{words}: a saved design is one controller on its rig; leave {words} out, or leave "
+            "--design out"
+        )
+
+
+def what_ran(design: Design, ratio: float, *, saved: bool, continuous: bool) -> str:
+    """Return in one line which loop was run."""
+    (zeta_1, omega_1), (zeta_2, omega_2) = design.poles.first, design.poles.second
+    poles = f"zeta = {zeta_1:g}, omega_n = {omega_1:g} rad/s"
+    if design.poles.first != design.poles.second:
+        poles += f" and {zeta_2:g}, {omega_2:g} rad/s"
+    law = design.controller.name.upper()
+    variant = f" ({design.controller.variant})" if design.controller.variant else ""
+    when = "continuous" if continuous else f"{design.method} at {1e3 * design.period:g} ms"
+    moved = (
+        "the plant moves, the controller stays"
+        if saved
+        else "the controller's beta_c moves, the plant stays, as in the paper's test 3"
+    )
+    return (
+        f"{law}{variant}, {poles}, {when}, reading {design.equilibrium}, beta_c/beta = {ratio:g}"
+        + (f" ({moved})" if ratio != 1 else "")
+    )
+
+
+def _emulated(rig: Rig, request: Request, continuous: bool, *, saved: bool) -> Rig:
+    """Return the rig with the period, delay and noise of its emulator, unless they were given.
+
+    A saved design runs at its own period.
+    """
     if rig.emulator == Emulator():
         raise InputError(
             f"--emulate: the rig {rig.name!r} has no [emulator] table; give it inductance [H] and "
@@ -226,7 +307,7 @@ def _emulated(rig: Rig, request: Request, continuous: bool) -> Rig:
         )
     if continuous:
         raise InputError("--emulate: the emulated rig runs a sampled controller, not sample-time 0")
-    period = request.sample_time
+    period = rig.sampling.period if saved else request.sample_time
     found = emulated(rig)
     return found if period is None else _with_period(found, period)
 

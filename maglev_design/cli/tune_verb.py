@@ -9,6 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from maglev_design.choices import METHODS, TAN_GPI, Equilibrium, Method, Scenarios
+from maglev_design.cli.emulated_text import (
+    emulated_headline,
+    emulated_warnings,
+    print_emulated,
+)
 from maglev_design.cli.output import (
     number,
     print_json,
@@ -51,9 +56,12 @@ class Request:
 
 def tune(request: Request, output: Path | None, *, force: bool, as_json: bool) -> None:
     """Solve, print, save; the exit code says how it ended."""
+    from maglev_design.simulate import designed_for  # noqa: PLC0415
     from maglev_design.tune import Status, Unstabilisable  # noqa: PLC0415
 
     rig = load_rig(request.rig)
+    if request.scenarios == "emulated":
+        rig = designed_for(rig)
     folder = output_folder(output, force=force) if output else None
     with progress_bar() as progress:
         result = _solve(rig, request, progress)
@@ -62,14 +70,23 @@ def tune(request: Request, output: Path | None, *, force: bool, as_json: bool) -
                 print_json(
                     {
                         "status": Status.INFEASIBLE.name.lower(),
-                        "message": _hopeless(rig, result),
-                        "tightest": "spectral radius",
+                        "message": _hopeless(result),
+                        "tightest": {
+                            "name": "spectral radius",
+                            "limit": 1.0,
+                            "value": None,
+                            "poles": None,
+                            "hint": None,
+                        },
                         "largest_period": result.largest_period,
                         "largest_delay": result.largest_delay,
                     }
                 )
-            raise InfeasibleError(_hopeless(rig, result), "spectral radius")
+            raise InfeasibleError(_hopeless(result), "spectral radius")
         record, written = recorded(result, folder, progress, pareto=request.pareto)
+    rig = result.problem.rig  # with the standard excitation where nothing moved
+    for text in emulated_warnings(record.document):
+        warn(text)
     if as_json:
         print_json(record.document)
     else:
@@ -78,12 +95,7 @@ def tune(request: Request, output: Path | None, *, force: bool, as_json: bool) -
     if result.status is Status.INTERRUPTED:
         sys.exit(INTERRUPTED)
     if result.status is Status.INFEASIBLE:
-        tightest = result.figures.tightest
-        say(
-            f"infeasible: the tightest limit is {tightest.name}, "
-            f"{number(tightest.value, tightest.unit)} where {number(tightest.limit, tightest.unit)}"
-            f" is allowed, at the poles that come closest. {result.status.value}"
-        )
+        say(_infeasible(record.document))
         sys.exit(INFEASIBLE)
     end_by_verification(result)
 
@@ -191,8 +203,10 @@ def _trade_off(result: Any, progress: Any) -> Any:
     return trade_off(result, widest, progress)
 
 
-def _hopeless(rig: Rig, found: Any) -> str:
-    sampling = rig.sampling
+def _hopeless(found: Any) -> str:
+    from maglev_design.tune.cautions import sampling_product  # noqa: PLC0415
+
+    sampling = found.problem.rig.sampling
     remedies = [
         f"the largest {name} that some poles stabilise is about {1e3 * value:.3g} ms"
         for name, value in (("period", found.largest_period), ("delay", found.largest_delay))
@@ -201,10 +215,27 @@ def _hopeless(rig: Rig, found: Any) -> str:
     return (
         f"no poles in the search box stabilise the sampled loop with sampling.period = "
         f"{1e3 * sampling.period:g} ms and sampling.delay = {1e3 * sampling.delay:g} ms "
-        "(limit: spectral radius below 1 over the gaps and ratios); "
+        f"(limit: spectral radius below 1 over the gaps and ratios): "
+        f"{sampling_product(found.problem)}; "
         + ("; ".join(remedies) if remedies else "no shorter period alone would do")
         + " (the other as it is)"
     )
+
+
+def _infeasible(document: dict[str, Any]) -> str:
+    tightest = document["tightest"]
+    hint = tightest["hint"] or "no option of tune would do: the rig's own limits stand against it"
+    return (
+        f"infeasible: the tightest limit is {tightest['name']}, "
+        f"{_figure(tightest['value'], tightest['unit'])} where "
+        f"{number(tightest['limit'], tightest['unit'])} is allowed, at the poles that come closest "
+        f"(zeta = {document['zeta']:.4g}, omega_n = {document['omega_n']:.4g} rad/s); {hint}"
+    )
+
+
+def _figure(value: float | None, unit: str = "") -> str:
+    """Return a figure of the linear loop, which an unstable loop does not have."""
+    return "unstable" if value is None else number(value, unit)
 
 
 def _warnings(rig: Rig, document: dict[str, Any]) -> list[str]:
@@ -212,8 +243,6 @@ def _warnings(rig: Rig, document: dict[str, Any]) -> list[str]:
     worst, found = document["worst_case"], []
     if document["status"] in ("on_bound", "interrupted"):
         found.append(document["message"])
-    if document["beta_error"] == 0:
-        found.append("the uncertainty of beta is 0: the worst case is the nominal one")
     if worst["spectral_radius_one_more_sample"] >= 1:
         found.append("with one more sample of delay the loop is unstable")
     other = document["other_sign"]
@@ -230,8 +259,13 @@ def _warnings(rig: Rig, document: dict[str, Any]) -> list[str]:
 
 def show(document: dict[str, Any]) -> None:
     """Print a design as tables that a person reads."""
+    _print_head(document)
     _print_design(document)
     _print_figures(document)
+    headline = emulated_headline(document)
+    if headline is not None:
+        sys.stdout.write(f"{headline}\n\n")
+    print_emulated(document)
     _print_limits(document)
     _print_certificate(document["certificate"])
     if document["alternatives"]:
@@ -244,6 +278,34 @@ def show(document: dict[str, Any]) -> None:
         f"{check['relative_difference']:.1g} (allowed {check['tolerance']:g}).\n"
         f"{document['message']}\n"
     )
+
+
+def _print_head(document: dict[str, Any]) -> None:
+    """Print what has to be known first: the excitation, the warnings, the headline."""
+    lines, excitation = [], document["excitation"]
+    if excitation is not None:
+        lines.append(
+            "Nothing moves on this rig as it is described: tuned for a standard excitation, the "
+            f"ball starts at rest {1e3 * excitation['offset']:+.3g} mm from its path "
+            f"({100 * excitation['share_of_Z']:g} % of Y + y0), at "
+            f"{1e3 * excitation['initial_gap']:.5g} mm."
+        )
+    lines += [f"Warning: {text}." for text in document["warnings"]]
+    if document["baseline"] is None and document["status"] != "infeasible":
+        worst, start = document["worst_case"], document["initial_error"]
+        binding = ", ".join(c["name"] for c in document["constraints"] if c["binding"])
+        lines.append(
+            f"Worst error {1e6 * worst['max_error']:.4g} um over the family"
+            + (f" (the start is {1e6 * start:.4g} um off)" if start else "")
+            + (
+                f", {1e6 * worst['max_error_from_move']:.4g} um from the start of the move on"
+                if worst["max_error_from_move"] is not None
+                else ""
+            )
+            + f"; limits that bind: {binding or 'none'}."
+        )
+    if lines:
+        sys.stdout.write("\n".join(lines) + "\n\n")
 
 
 def _print_design(document: dict[str, Any]) -> None:
@@ -267,11 +329,8 @@ def _print_figures(document: dict[str, Any]) -> None:
     others = [] if base is None else [base["worst_case"]]
     columns = [document["worst_case"], *others, document["nominal"]]
 
-    def row(label: str, key: str, unit: str, scale: float = 1.0) -> tuple[str, ...]:
-        cells = [
-            number(scale * column[key], unit) if column.get(key) is not None else "-"
-            for column in columns
-        ]
+    def row(label: str, key: str, unit: str) -> tuple[str, ...]:
+        cells = ["-" if key not in column else _figure(column[key], unit) for column in columns]
         return (label, *cells)
 
     rows = [row(key.upper(), key, unit) for key, unit in units.items()]
@@ -292,7 +351,7 @@ def _print_figures(document: dict[str, Any]) -> None:
     name = "given" if document["status"] == "judged" else "tuned"
     header = ("worst case", name, *poles, f"{name}, nominal")
     table(f"Worst case over beta_c/beta in [{low:g}, {high:g}]", header, rows)
-    margins = document["margins"]
+    margins, unstable = document["margins"], document["worst_case"]["spectral_radius"] >= 1
     shown = (
         ("gain may rise by", "gain_up", "x", 1.0),
         ("gain may fall to", "gain_down", "x", 1.0),
@@ -305,7 +364,9 @@ def _print_figures(document: dict[str, Any]) -> None:
         [
             (
                 label,
-                number(
+                "unstable"
+                if unstable
+                else number(
                     None if margins[key]["value"] is None else scale * margins[key]["value"], unit
                 ),
                 number(1e3 * margins[key]["gap"], "mm"),
@@ -314,6 +375,14 @@ def _print_figures(document: dict[str, Any]) -> None:
             for label, key, unit, scale in shown
         ],
     )
+    noisy = document["with_noise"]
+    if noisy is not None:
+        key = document["objective"]
+        lost = f"; the ball is lost in {noisy['lost']}" if noisy["lost"] else ""
+        sys.stdout.write(
+            f"With the rig's noise the worst case has {key.upper()} {number(noisy[key])}, the "
+            f"median of {noisy['seeds']} runs{lost}.\n\n"
+        )
     if base is None:
         return
     verdict = "" if base["feasible"] else f" (which breaks: {', '.join(base['violated'])})"
@@ -344,7 +413,7 @@ def _print_limits(document: dict[str, Any]) -> None:
         [
             (
                 c["name"],
-                number(c["value"], c["unit"]),
+                _figure(c["value"], c["unit"]),
                 f"{signs[c['side']]} {number(c['limit'], c['unit'])}",
                 "yes" if c["satisfied"] else "NO",
             )
@@ -385,20 +454,35 @@ def _print_pareto(document: dict[str, Any]) -> None:
     )
 
 
+def _print_planning(document: dict[str, Any], other: dict[str, Any]) -> None:
+    """Print what measuring U would bring; nothing where it would bring nothing."""
+    key, factor = document["objective"], other["improvement"]
+    if not other["feasible"] or (factor is not None and factor <= 1):
+        return
+    sys.stdout.write(
+        f"Measuring U to {100 * other['voltage_error']:g} % (write operating_point.voltage, "
+        f"--equilibrium measured) would bring worst {key.upper()} "
+        f"{other['worst_case'][key]:.3g} instead of {document['worst_case'][key]:.3g}, tuned "
+        f"anew: {_times(factor)} times.\n\n"
+    )
+
+
 def _print_alternatives(document: dict[str, Any]) -> None:
     key = document["objective"]
     rows = []
     for other in document["alternatives"]:
         worst = other["worst_case"]
+        if other["kind"] == "planning":
+            _print_planning(document, other)
+            continue
         poles = "tuned anew" if other["tuned"] else "same poles"
-        kind = "with U measured" if other["kind"] == "planning" else other["kind"]
         rows.append(
             (
-                f"{kind}: {other['name']} ({poles})",
+                f"{other['kind']}: {other['name']} ({poles})",
                 number(worst[key]),
                 _times(other["improvement"]) + " x",
                 number(worst["peak_voltage"], "V"),
-                number(worst["ms"]),
+                _figure(worst["ms"]),
                 "yes" if other["feasible"] else "NO",
             )
         )

@@ -20,6 +20,7 @@ def verify(folder: Path, *, as_json: bool) -> None:
         print_json(
             {
                 "passed": verdict.passed,
+                "controller_sha256": verdict.controller_sha256 or None,
                 "doubts": list(verdict.doubts),
                 "closed_loops_ran": verdict.ran or None,
                 "checks": [asdict(check) for check in verdict.checks],
@@ -28,6 +29,7 @@ def verify(folder: Path, *, as_json: bool) -> None:
         )
     else:
         table(
+            f"controller {verdict.controller_sha256 or 'not read'}\n"
             f"{folder} (closed loops: {verdict.ran or 'none'})",
             ("check", "passed", "value", "limit", "note"),
             [_row(check) for check in verdict.checks],

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from maglev_design import design as designs
 from maglev_design.choices import Controller as Law
 from maglev_design.errors import InputError
 from maglev_design.lowering import Program
-from maglev_design.parameters import LONGEST_GAP, MOST_SAMPLES, Rig
+from maglev_design.parameters import LONGEST_GAP, MOST_SAMPLES, Emulator, Rig
 from maglev_design.record import DesignRecord
+from maglev_design.simulate import emulated, loop_for, nominal_scenario, simulate
 from maglev_design.simulate.graph import (
     acceleration_program,
     bumpless_program,
@@ -41,6 +42,9 @@ OUTPUTS = {
     "commanded": ("V", "voltage before the clamp"),
     "applied": ("V", "voltage after the clamp, the answer"),
 }
+EMULATED_SEEDS = 5
+"""Runs on the emulated rig, each with its own noise."""
+
 _MEANINGS = {
     "Y": ("m", "gap of the equilibrium of the design"),
     "U": ("V", "voltage of that equilibrium, as the controller believes it"),
@@ -93,6 +97,8 @@ class Controller:
         Samples until the end of a move, at most.
     state_bound : float
         |x2| never exceeds it, whatever is measured [m s].
+    doubts : tuple of str
+        Why it should not be switched on, whole sentences; empty when it may be.
     """
 
     record: DesignRecord
@@ -109,6 +115,7 @@ class Controller:
     hold_samples: int
     most_ticks: int
     state_bound: float
+    doubts: tuple[str, ...] = ()
 
     @property
     def equation(self) -> DifferenceEquation:
@@ -174,6 +181,7 @@ def controller_of(record: DesignRecord, prefix: str) -> Controller:
         hold_samples=_hold_samples(rig),
         most_ticks=MOST_SAMPLES,
         state_bound=ROOM * abs(fixed["b2"]) * reach / (1 - abs(fixed["a22"])),
+        doubts=doubts(record),
     )
 
 
@@ -245,8 +253,9 @@ def promise(document: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def doubts(document: Mapping[str, Any]) -> tuple[str, ...]:
+def doubts(record: DesignRecord) -> tuple[str, ...]:
     """Return why a record should not be switched on, in whole sentences; empty when it may be."""
+    document = record.document
     said = promise(document)
     found = []
     if not said["verified"]:
@@ -258,4 +267,35 @@ def doubts(document: Mapping[str, Any]) -> tuple[str, ...]:
         found.append(f"This controller breaks a limit: {', '.join(broken)}.")
     if document.get("status") in ("infeasible", "interrupted"):
         found.append(f"The tuning ended as {document['status']}.")
+    lost, seeds = lost_on_the_emulated_rig(record)
+    if lost:
+        found.append(f"On the rig's own [emulator] it loses the ball in {lost} of {seeds} seeds.")
     return tuple(found)
+
+
+def lost_on_the_emulated_rig(record: DesignRecord) -> tuple[int, int]:
+    """Return in how many seeds, and of how many, the ball is lost on the emulated rig.
+
+    As the record says; where it does not and the rig has an emulator, it is run.
+    """
+    told = record.document.get("emulated")
+    if isinstance(told, dict):
+        return int(told["lost"]), int(told["seeds"])
+    rig = emulated_at_own_period(record.rig)
+    if rig is None:
+        return 0, 0
+    loop = loop_for(rig, record.design, emulate=True)
+    start = nominal_scenario(rig, record.design.believed.beta)
+    runs = [
+        simulate(loop, record.design, replace(start, noise=True, seed=seed)).metrics
+        for seed in range(EMULATED_SEEDS)
+    ]
+    return sum(run.crashed for run in runs), EMULATED_SEEDS
+
+
+def emulated_at_own_period(rig: Rig) -> Rig | None:
+    """Return the emulated rig at the design's own period; None where it has no effects."""
+    effects = rig.emulator.model_copy(update={"period": None})
+    if effects == Emulator():
+        return None
+    return emulated(rig.model_copy(update={"emulator": effects}))

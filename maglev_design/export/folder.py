@@ -12,7 +12,7 @@ from typing import Any
 from maglev_design import __version__
 from maglev_design.choices import SCHEMA_VERSION, Target
 from maglev_design.errors import InputError
-from maglev_design.export.controller import Controller, controller_of, doubts, promise
+from maglev_design.export.controller import Controller, controller_of, promise
 from maglev_design.export.printing import TEMPLATES, printed
 from maglev_design.export.text import checked_prefix
 from maglev_design.export.vectors import record_vectors
@@ -62,13 +62,14 @@ def export_folder(
         For a design that may not be exported, an unusable prefix or an unusable folder.
     """
     checked_prefix(prefix)
-    found = doubts(record.document)
+    controller = controller_of(record, prefix)
+    found = controller.doubts
     if found and not allow_unverified:
         raise InputError(
             f"this design is not exported: {' '.join(found)} Tune it again (or certify it), or "
             "take it as it is with --allow-unverified, which the exported files then say"
         )
-    content = files_of(controller_of(record, prefix), target)
+    content = files_of(controller, target)
     folder = output_folder(folder, force=force)
     stale = _own_files(folder) - set(content)
     for name, data in content.items():
@@ -108,6 +109,7 @@ def _manifest(controller: Controller, target: Target, files: Mapping[str, bytes]
         "prefix": controller.prefix,
         "versions": {**document["versions"], "exporter": __version__},
         "rig": document["rig"],
+        "controller_sha256": controller.record.design.sha256,
         "gains": document["gains"],
         "constants": {
             c.name: {"value": c.value, "unit": c.unit, "meaning": c.meaning}
@@ -115,7 +117,7 @@ def _manifest(controller: Controller, target: Target, files: Mapping[str, bytes]
         },
         "hold_samples": controller.hold_samples,
         "promise": promise(document),
-        "doubts": list(doubts(document)),
+        "doubts": list(controller.doubts),
         "files": {name: sha256(data) for name, data in sorted(files.items())},
     }
     text = json.dumps(body | {"sha256": manifest_digest(body)}, indent=2, allow_nan=False)

@@ -57,8 +57,8 @@ class Run:
         What the sensor makes of the gap.
     late : callable
         Whether the voltage of a sample comes one sample late.
-    gaps, errors, voltages : list of float
-        True gap and error at every sample [m], voltage on the coil [V].
+    gaps, errors, voltages, commanded : list of float
+        True gap and error at every sample [m], voltage on the coil and before the clamp [V].
     """
 
     device: Device
@@ -67,6 +67,7 @@ class Run:
     gaps: list[float] = field(default_factory=list)
     errors: list[float] = field(default_factory=list)
     voltages: list[float] = field(default_factory=list)
+    commanded: list[float] = field(default_factory=list)
     measured: float = math.nan
     waiting: float = math.nan
 
@@ -80,6 +81,7 @@ class Run:
         applied = self.waiting if self.late(k) and k else voltage
         self.waiting = voltage
         self.voltages.append(applied)
+        self.commanded.append(self.device.commanded)
         return self.device.commanded, applied
 
 
@@ -89,16 +91,44 @@ def close(controller: Controller, run: Run, scenario: Scenario) -> Check:
     return resimulate(record.rig, record.design, scenario, run)
 
 
-def fly(controller: Controller, run: Run, ratio: float = 1.0) -> bool:
-    """Run one closed loop without noise by Runge-Kutta 4 and return whether the ball is lost.
+@dataclass(frozen=True)
+class Surroundings:
+    """What stands between an exported controller and the ball, beyond the ideal plant.
 
-    On a plant whose beta is beta_c/`ratio`; a short path is followed by rest. Without metrics and
-    a tenth as long as :func:`close`: for runs that are compared with one another.
+    Attributes
+    ----------
+    lag : float
+        L/R of the coil [s].
+    drive : callable
+        Voltage that the actuator makes of one that the controller applies [V].
+    input_noise : sequence of float
+        Added to it at every sample [V]; empty for none.
     """
+
+    lag: float = 0.0
+    drive: Callable[[float], float] = lambda voltage: voltage
+    input_noise: Sequence[float] = ()
+
+
+def fly(
+    controller: Controller,
+    run: Run,
+    ratio: float = 1.0,
+    *,
+    beta: float | None = None,
+    around: Surroundings | None = None,
+) -> bool:
+    """Run one closed loop by Runge-Kutta 4 and return whether the ball is lost.
+
+    On a plant with `beta`, by default beta_c/`ratio`; a short path is followed by rest. Without
+    metrics and a tenth as long as :func:`close`: for runs that are compared with one another.
+    """
+    around = around or Surroundings()
     rig, design = controller.record.rig, controller.record.design
     period, when = rig.sampling.period, designs.timing(rig.sampling.period, rig.sampling.delay)
     program, plant = controller.plant.scalar(), rig.plant
-    beta, low, high = designs.plant_beta(rig) / ratio, contact_gap(rig), rig.limits.gap[1]
+    beta = design.beta_at(ratio) if beta is None else beta
+    low, high = contact_gap(rig), rig.limits.gap[1]
 
     def pull(gap: float, voltage: float) -> float:
         return program(plant.gravity, beta, plant.gap_offset, max(gap, low / 2), voltage)[0]
@@ -108,31 +138,48 @@ def fly(controller: Controller, run: Run, ratio: float = 1.0) -> bool:
     names = ("y_ref", "v_ref", "acc_ref")
     gap, velocity = rig.initial.gap, rig.initial.velocity
     sample = dict(zip(names, path[:, 0].tolist(), strict=True))
-    pending = deque([held_voltage(rig, design, sample | {"Y": design.Y})] * when.held)
-    for column in path.T.tolist():
+    first = around.drive(held_voltage(rig, design, sample | {"Y": design.Y}))
+    pending, acting = deque([first] * when.held), first
+    for k, column in enumerate(path.T.tolist()):
         sample = dict(zip(names, column, strict=True)) | {"y": gap, "v": velocity}
-        pending.append(run(sample)[1])
+        pending.append(around.drive(run(sample)[1]))
         parts = [(period - when.part, pending[1] if when.part > 0 else pending[0])]
         if when.part > 0:
             parts.insert(0, (when.part, pending[0]))
         pending.popleft()
+        noise = around.input_noise[k] if k < len(around.input_noise) else 0.0
         for duration, voltage in parts:
+            h = duration / PIECES
             for _ in range(PIECES):
-                gap, velocity = _runge_kutta(pull, gap, velocity, voltage, duration / PIECES)
+                forces = _through_coil(acting, voltage + noise, h, around.lag)
+                gap, velocity = _runge_kutta(pull, gap, velocity, forces, h)
+                acting = forces[2]
         if not low < gap < high:
             return True
     return False
 
 
+def _through_coil(start: float, voltage: float, h: float, lag: float) -> tuple[float, float, float]:
+    """Return R i at the start, middle and end of a step under a constant voltage."""
+    if lag == 0:
+        return voltage, voltage, voltage
+    away, left = start - voltage, math.exp(-h / (2 * lag))
+    return start, voltage + away * left, voltage + away * left * left
+
+
 def _runge_kutta(
-    pull: Callable[[float, float], float], y: float, v: float, u: float, h: float
+    pull: Callable[[float, float], float],
+    y: float,
+    v: float,
+    forces: tuple[float, float, float],
+    h: float,
 ) -> tuple[float, float]:
     """Return gap and velocity after one classical Runge-Kutta step."""
-    half = h / 2
-    a = pull(y, u)
-    b = pull(y + half * v, u)
-    c = pull(y + half * (v + half * a), u)
-    d = pull(y + h * (v + half * b), u)
+    half, (first, middle, last) = h / 2, forces
+    a = pull(y, first)
+    b = pull(y + half * v, middle)
+    c = pull(y + half * (v + half * a), middle)
+    d = pull(y + h * (v + half * b), last)
     return y + h * (v + h * (a + b + c) / 6), v + h * (a + 2 * (b + c) + d) / 6
 
 

@@ -10,7 +10,7 @@ from typing import Any
 from maglev_design import __version__
 from maglev_design.choices import Controller as Law
 from maglev_design.choices import Target
-from maglev_design.export.controller import OUTPUTS, SIGNALS, STATES, Controller, doubts
+from maglev_design.export.controller import OUTPUTS, SIGNALS, STATES, Controller
 from maglev_design.export.misra import DEVIATIONS
 from maglev_design.export.native import CORTEX_M4
 from maglev_design.export.text import plain, wrapped
@@ -61,8 +61,7 @@ def _context(controller: Controller, target: Target, rows: int) -> dict[str, Any
     path, worst = rig.reference, document["worst_case"]
     number = {name: repr(value) for name, value in controller.numbers.items()}
     samples = round(path.horizon / rig.sampling.period)
-    gaps = (path.start_gap, path.end_gap, rig.initial.gap, rig.operating_point.gap)
-    spread = document["beta_error"]
+    family = document["family"]
     source = controller.prefix.upper()
     velocity = rig.initial.velocity
     delay = document["margins"]["delay_s"]["value"]
@@ -75,7 +74,7 @@ def _context(controller: Controller, target: Target, rows: int) -> dict[str, Any
         "title": plain(rig.name),
         "version": __version__,
         "language": _LANGUAGES[target],
-        "warnings": doubts(document),
+        "warnings": controller.doubts,
         "banner": lambda style: _banner(controller, style),
         "symbols": _symbols(controller, target),
         "symbol_table": _symbol_table(controller),
@@ -113,10 +112,14 @@ def _context(controller: Controller, target: Target, rows: int) -> dict[str, Any
         "every": max(1, samples // EXAMPLE_ROWS),
         "law": law_in_words(design.controller),
         "method": design.method,
-        "equilibrium": design.equilibrium,
-        "gaps": [f"{gap:g}" for gap in (min(gaps), max(gaps))],
-        "ratios": [f"{1 - spread:g}", f"{1 + spread:g}"],
-        "itae": _shown(worst["itae"]),
+        "gaps": [f"{gap:g}" for gap in family["gaps"]],
+        "assumptions": _assumptions(controller),
+        "sha256": design.sha256,
+        "objective": document["objective"].upper(),
+        "objective_unit": {"itae": "m s^2", "iae": "m s", "ise": "m^2 s"}[document["objective"]],
+        "worst_objective": _shown(worst[document["objective"]]),
+        "highest": _shown(worst["peak_voltage"]),
+        "lowest": _shown(worst["min_voltage"]),
         "worst_ratio": _shown(worst["ratio"]),
         "ms": _shown(worst["ms"]),
         "ms_late": _shown(worst["ms_one_more_sample"]),
@@ -130,6 +133,44 @@ def _context(controller: Controller, target: Target, rows: int) -> dict[str, Any
         "deviations": DEVIATIONS,
         "cortex_m4": " ".join(CORTEX_M4),
     }
+
+
+def _assumptions(controller: Controller) -> list[str]:
+    """Return under what every number of the README holds, in sentences."""
+    record = controller.record
+    rig, family, design = record.rig, record.document["family"], record.design
+    low, high = family["ratios"]
+    offsets = family["gap_offsets"]
+    coil = rig.emulator.time_constant
+    drive = "The current follows the voltage at once, i = C u: no inductance is reckoned with."
+    if coil:
+        drive += f" The rig file names a coil with L/R = {1e3 * coil:.3g} ms, which is not in them."
+    plants = (
+        "the plants that hold the ball at Y with the measured voltage"
+        if family["voltage_held"]
+        else "the plants whose force constant beta lies in an interval"
+    )
+    y0 = (
+        f"y0 = {offsets[0]:g} m"
+        if offsets[0] == offsets[-1]
+        else f"y0 in [{offsets[0]:g}, {offsets[-1]:g}] m"
+    )
+    return [
+        drive,
+        f"The voltage of a sample acts {rig.sampling.delay:g} s after it and is held for "
+        f"{rig.sampling.period:g} s.",
+        "The gap is measured without error"
+        + (
+            ", and with the noise of the rig file; the worst of these runs and of both signs of "
+            "the initial error counts."
+            if record.document["scenarios"] == "robust"
+            else "; noise and steps of the sensor are not in the worst case."
+        ),
+        f"The plants are {plants}: beta_c/beta in [{low:.4g}, {high:.4g}], {y0}, linearised at "
+        f"gaps of {family['gaps'][0]:g} to {family['gaps'][1]:g} m. The controller's numbers stay.",
+        f"beta_c = {design.believed.beta:.6g} m^3/(s^2 V^2). Its numbers came from the reading "
+        f"{design.equilibrium} of the equilibrium; nothing that runs depends on that.",
+    ]
 
 
 def law_in_words(controller: Law) -> str:
@@ -155,9 +196,10 @@ def _banner(controller: Controller, style: str) -> str:
     rig = plain(controller.record.rig.name)
     lines = [
         f"Levitation controller for: {rig}",
+        f"Controller {controller.record.design.sha256}",
         f"Printed by maglev-design {__version__} from a saved design; do not edit, export again.",
     ]
-    found = doubts(controller.record.document)
+    found = controller.doubts
     if found:
         lines.append("NOT VERIFIED. Do not switch a coil on with it. " + " ".join(found))
     return "\n".join(wrapped(line, f"{mark} ", f"{mark}   ") for line in lines)

@@ -49,6 +49,8 @@ class Verdict:
     ran : str
         Which printing of the law ran in the closed loops: the folder's own, or for MATLAB (and
         where no compiler is) Python's; empty when none did.
+    controller_sha256 : str
+        Name of the controller that the folder holds; empty where the folder was not read.
     doubts : tuple of str
         Why the design itself should not be switched on, whole sentences; empty when it may be.
     """
@@ -56,6 +58,7 @@ class Verdict:
     checks: tuple[Check, ...]
     skipped: tuple[tuple[str, str], ...]
     ran: str
+    controller_sha256: str = ""
     doubts: tuple[str, ...] = ()
 
     @property

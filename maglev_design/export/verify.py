@@ -20,8 +20,9 @@ from maglev_design.export.behaviour import (
     interleaved,
     single_precision,
 )
-from maglev_design.export.controller import Controller, controller_of, doubts
+from maglev_design.export.controller import Controller, controller_of
 from maglev_design.export.cortex import on_cortex_m4
+from maglev_design.export.emulation import on_the_emulated_rig
 from maglev_design.export.folder import manifest_digest, read_manifest, sha256
 from maglev_design.export.loops import NewDevice
 from maglev_design.export.misra import DEVIATIONS
@@ -36,6 +37,7 @@ from maglev_design.export.native import (
     sanitizes,
 )
 from maglev_design.export.printing import printed
+from maglev_design.export.promises import promises
 from maglev_design.export.vectors import record_vectors
 from maglev_design.export.verdict import Check, Part, Verdict
 from maglev_design.record import load
@@ -68,15 +70,18 @@ def verify_folder(folder: Path, progress: Progress | None = None) -> Verdict:
         other = Part() if manifest["target"] == "python" else _printed_python(controller, work)
         new = own.new or other.new
         assert new is not None  # noqa: S101 - Python is always there
-        checks = [whole, recorded, *own.checks, *other.checks]
+        checks = [whole, _name(controller, manifest), recorded, *own.checks, *other.checks]
         report("classes of arguments", 0.3)
         checks += [classes_of_arguments(controller, new), interleaved(new, work)]
         checks += closed_loops(controller, new, report)
+        checks += promises(controller, new, report)
+        checks += on_the_emulated_rig(controller, new, report)
         if manifest["target"] == "c" and own.new is not None:
             report("single precision", 0.9)
             checks += single_precision(controller, new, work)
     ran = manifest["target"] if own.new else "python"
-    return Verdict(tuple(checks), own.skipped, ran, doubts(controller.record.document))
+    name = controller.record.design.sha256
+    return Verdict(tuple(checks), own.skipped, ran, name, controller.doubts)
 
 
 def _whole(folder: Path, manifest: dict[str, Any]) -> Check:
@@ -90,6 +95,17 @@ def _whole(folder: Path, manifest: dict[str, Any]) -> Check:
             bad.append(name)
     note = f"changed since it was exported: {', '.join(bad)}" if bad else ""
     return Check.below("every file as it was exported", len(bad), 0, "files", note)
+
+
+def _name(controller: Controller, manifest: dict[str, Any]) -> Check:
+    """Compare the controller and the constants that the manifest names with ``design.json``."""
+    constants = (*controller.law_constants, *controller.guard_constants)
+    told = {name: x["value"] for name, x in manifest["constants"].items()}
+    wrong = [c.name for c in constants if told.get(c.name) != c.value]
+    if manifest.get("controller_sha256") != controller.record.design.sha256:
+        wrong.append("controller_sha256")
+    note = ", ".join(wrong)
+    return Check.below("manifest names this controller", len(wrong), 0, "entries", note)
 
 
 def _recorded(controller: Controller, work: Path) -> Check:

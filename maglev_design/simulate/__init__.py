@@ -5,7 +5,12 @@ an integrator that shares nothing with the first.
 """
 
 from maglev_design.simulate.batch import Summary, cores, respond, simulate_batch
-from maglev_design.simulate.emulator import emulated
+from maglev_design.simulate.emulator import (
+    at_own_period,
+    designed_for,
+    emulated,
+    emulator_effects,
+)
 from maglev_design.simulate.graph import LoopGraph, build
 from maglev_design.simulate.independent import own_step, resimulate
 from maglev_design.simulate.response import (
@@ -28,9 +33,12 @@ __all__ = [
     "Scenario",
     "Summary",
     "Tangent",
+    "at_own_period",
     "build",
     "cores",
+    "designed_for",
     "emulated",
+    "emulator_effects",
     "error_bounds",
     "loop_for",
     "mirrored",

@@ -5,6 +5,7 @@ re-simulates it with an independent integrator and compares it with the paper's 
 """
 
 from maglev_design.tune.document import as_json
+from maglev_design.tune.emulated import EmulatedRow, emulated_row
 from maglev_design.tune.problem import OBJECTIVES, TuningProblem, build_problem
 from maglev_design.tune.result import (
     Figures,
@@ -19,6 +20,7 @@ from maglev_design.tune.tradeoff import TradeOff, trade_off
 
 __all__ = [
     "OBJECTIVES",
+    "EmulatedRow",
     "Figures",
     "Status",
     "TradeOff",
@@ -27,6 +29,7 @@ __all__ = [
     "Unstabilisable",
     "as_json",
     "build_problem",
+    "emulated_row",
     "judge",
     "solve",
     "solve_every_method",

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
+from maglev_design.choices import Scenarios
 from maglev_design.design import Design
 from maglev_design.simulate.independent import INTEGRATOR
 from maglev_design.tune.problem import TuningProblem
@@ -14,6 +16,9 @@ from maglev_design.tune.result import (
     Verification,
     times_smaller,
 )
+
+BINDING = 2e-3
+"""Slack below which a limit is said to bind."""
 
 
 def as_json(result: TuneResult) -> dict[str, Any]:
@@ -27,8 +32,10 @@ def as_json(result: TuneResult) -> dict[str, Any]:
         "method": problem.method,
         "beta_error": problem.beta_error,
         "beta_error_given": problem.given_beta_error,
+        "excitation": None if problem.excitation is None else problem.excitation.as_dict(),
+        "warnings": list(result.warnings),
         "family": family_as_data(problem),
-        "scenarios": "robust" if len(problem.cases) > 1 else "nominal",
+        "scenarios": scenarios_of(problem),
         "seed": problem.seed,
         "bounds": {"zeta": list(problem.bounds[0]), "omega_n": list(problem.bounds[1])},
         "zeta": result.poles.first[0],
@@ -38,18 +45,25 @@ def as_json(result: TuneResult) -> dict[str, Any]:
         "difference_equation": difference_equation(result.design),
         "controller_sha256": result.design.sha256,
         "worst_case": _figures(problem, figures),
+        "initial_error": abs(problem.rig.initial.gap - problem.rig.reference.start_gap),
         "nominal": figures.nominal.as_dict(),
         "other_sign": figures.other_sign.as_dict(),
+        "with_noise": None if result.with_noise is None else asdict(result.with_noise),
         "baseline": _baseline(result),
+        "tightest": _tightest(result),
         "constraints": [
             {"name": c.name, "unit": c.unit, "side": c.side, "limit": c.limit}
-            | {"value": c.value, "satisfied": c.satisfied}
+            | {"value": c.value, "satisfied": c.satisfied, "binding": abs(c.slack) < BINDING}
             for c in figures.constraints
         ],
+        "emulated": result.emulated and result.emulated.as_dict(),
         "verification": _verification(problem, result.verification),
         "alternatives": [
             {
                 "kind": a.kind,
+                "voltage_error": problem.rig.uncertainty.voltage_error
+                if a.kind == "planning"
+                else None,
                 "name": a.name,
                 "tuned": a.tuned,
                 "poles": [list(a.poles.first), list(a.poles.second)],
@@ -64,6 +78,13 @@ def as_json(result: TuneResult) -> dict[str, Any]:
         ],
         "evaluations": result.evaluations,
     }
+
+
+def scenarios_of(problem: TuningProblem) -> Scenarios:
+    """Return what was tuned on."""
+    if problem.emulated_runs is not None:
+        return "emulated"
+    return "robust" if len(problem.cases) > 1 else "nominal"
 
 
 def family_as_data(problem: TuningProblem) -> dict[str, Any]:
@@ -90,6 +111,19 @@ def difference_equation(design: Design) -> dict[str, Any]:
     }
 
 
+def _tightest(result: TuneResult) -> dict[str, Any]:
+    """Return the limit with the least slack; where it is broken, with what would help."""
+    limit, found = result.figures.tightest, result.relief
+    return {
+        "name": limit.name,
+        "unit": limit.unit,
+        "limit": limit.limit,
+        "value": limit.value,
+        "poles": [list(result.poles.first), list(result.poles.second)],
+        "hint": None if found is None else found.hint,
+    }
+
+
 def _figures(problem: TuningProblem, figures: Figures) -> dict[str, Any]:
     shift = figures.case.shift
     return figures.worst.as_dict() | {
@@ -97,6 +131,8 @@ def _figures(problem: TuningProblem, figures: Figures) -> dict[str, Any]:
         "ms_one_more_sample": figures.ms_one_more_sample,
         "spectral_radius": figures.radius,
         "spectral_radius_one_more_sample": figures.radius_one_more_sample,
+        "max_error": figures.max_error,
+        "max_error_from_move": figures.max_error_from_move,
         "noise_voltage": figures.noise_voltage,
         "ratio": problem.family.ratio_at(figures.ratio, shift),
         "gap_offset": problem.rig.plant.gap_offset + shift,

@@ -30,10 +30,8 @@ from maglev_design.design import (
     Design,
     PoleSpec,
     believed_equilibrium,
+    fastest_unstable_pole,
     make_design,
-    path_gaps,
-    plant_beta,
-    true_equilibrium,
 )
 from maglev_design.errors import InputError, nearest
 from maglev_design.parameters import Rig
@@ -42,11 +40,13 @@ from maglev_design.simulate import (
     Metrics,
     Scenario,
     build,
+    designed_for,
     mirrored,
     nominal_scenario,
     pole_tangent,
     simulate_batch,
 )
+from maglev_design.tune.excitation import Excitation, excited
 
 Array = NDArray[np.float64]
 
@@ -140,8 +140,12 @@ class TuningProblem:
         Which law.
     gains : tuple of float or None
         The law's, where somebody gives them; poles are placed where they are None.
+    emulated_runs : LoopGraph or None
+        The loop on the emulated rig, where that is what is tuned.
     given_beta_error : float or None
         Half the width of the interval of beta_c/beta where it was asked for.
+    excitation : Excitation or None
+        What moves the ball of `rig` where nothing of the rig file does.
     """
 
     rig: Rig
@@ -163,6 +167,8 @@ class TuningProblem:
     controller: Controller = TAN_GPI
     gains: tuple[float, ...] | None = None
     given_beta_error: float | None = None
+    emulated_runs: LoopGraph | None = None
+    excitation: Excitation | None = None
 
     @property
     def beta_error(self) -> float:
@@ -179,7 +185,13 @@ class TuningProblem:
     def noise_matters(self) -> bool:
         """Whether the voltage that sensor noise makes is limited."""
         limited = math.isfinite(self.limits.max_noise_voltage)
-        return limited and self.rig.noise.position > 0
+        return limited and self.position_noise > 0
+
+    @property
+    def position_noise(self) -> float:
+        """Standard deviation of the measured gap [m]: noise, and the sensor's quantisation."""
+        step = self.rig.emulator.sensor_step
+        return math.hypot(self.rig.noise.position, step / math.sqrt(12))
 
     def poles(self, x: Array) -> PoleSpec:
         """Return the poles of the logarithms `x` of the free variables."""
@@ -257,7 +269,7 @@ def build_problem(
     controller: Controller = TAN_GPI,
     gains: tuple[float, ...] | None = None,
 ) -> TuningProblem:
-    """Return the tuning problem of `rig`.
+    """Return the tuning problem of `rig`; where nothing moves, with the standard excitation.
 
     Parameters
     ----------
@@ -277,6 +289,9 @@ def build_problem(
             f"objective {objective!r} is unknown{nearest(objective, OBJECTIVES)}; "
             f"known: {', '.join(OBJECTIVES)}"
         )
+    if scenarios == "emulated":
+        rig = designed_for(rig)
+    rig, excitation = excited(rig)
     believed = believed_equilibrium(rig, equilibrium, voltage=voltage)
     over = loops.family(rig, equilibrium, beta_error)
     if not max_ms > 1:
@@ -330,13 +345,16 @@ def build_problem(
         controller=controller,
         gains=gains,
         given_beta_error=beta_error,
+        emulated_runs=build(rig, chosen, controller=controller, emulate=True)
+        if scenarios == "emulated"
+        else None,
+        excitation=excitation,
     )
 
 
 def default_omega_bounds(rig: Rig) -> tuple[float, float]:
     """Return the searched frequencies [rad/s], from the plant's pole and the sampling period."""
-    gap = float(path_gaps(rig, 2)[0])
-    unstable = math.sqrt(true_equilibrium(rig, plant_beta(rig), gap).C_Y)
+    unstable = fastest_unstable_pole(rig)
     low = SLOWEST_POLES * unstable
     return low, max(2 * low, min(FASTEST_ANGLE / rig.sampling.period, FASTEST_POLES * unstable))
 
@@ -364,7 +382,7 @@ def linear_constraints(problem: TuningProblem, poles: PoleSpec) -> tuple[Constra
     peaks = loops.peak_sensitivities(problem.loop, values, over)
     found += [_logarithmic("Ms", "-", limits.max_ms, peak) for peak in peaks]
     if problem.noise_matters:
-        deviation = problem.rig.noise.position
+        deviation = problem.position_noise
         noise = loops.noise_voltages(problem.loop, values, over, deviation)
         highest = limits.max_noise_voltage
         found += [_logarithmic("noise voltage", "V", highest, x) for x in noise]
@@ -385,7 +403,7 @@ def coarse_slacks(problem: TuningProblem, poles: Sequence[PoleSpec]) -> dict[str
         "Ms": np.array([_log_slack(limits.max_ms, x) for x in figures.peak]),
     }
     if problem.noise_matters:
-        noise = problem.rig.noise.position * figures.noise
+        noise = problem.position_noise * figures.noise
         slacks["noise voltage"] = np.array([_log_slack(limits.max_noise_voltage, x) for x in noise])
     return slacks
 

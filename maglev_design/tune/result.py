@@ -9,13 +9,22 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from maglev_design import loop as loops
 from maglev_design.choices import EQUILIBRIA, METHODS, Method
 from maglev_design.design import Design, PoleSpec, believed_equilibrium
 from maglev_design.interrupt import deferred
 from maglev_design.parameters import MOST_DELAYED_PERIODS
-from maglev_design.simulate import Metrics, resimulate
+from maglev_design.simulate import Metrics, resimulate, respond, simulate_batch
+from maglev_design.tune.cautions import cautions
+from maglev_design.tune.emulated import (
+    EmulatedRow,
+    emulated_limits,
+    emulated_row,
+    optimum,
+    relaxed_optimum,
+)
 from maglev_design.tune.problem import (
     Case,
     Constraint,
@@ -27,6 +36,7 @@ from maglev_design.tune.problem import (
     run,
     scenario_at,
 )
+from maglev_design.tune.relief import Relief, closest, relief
 from maglev_design.tune.search import (
     SCAN,
     Candidate,
@@ -41,6 +51,8 @@ from maglev_design.tune.search import (
 
 VERIFICATION_TOLERANCE = 1e-5
 """Largest relative difference of the two integrators: each is good to about 1e-7 on its own."""
+NOISY_RUNS = 9
+"""Noise streams of the row with the rig's noise: odd, so that the median is one of them."""
 SPREAD = 1.2
 """Factor by which a double pole pair is pulled apart to start a search over distinct ones."""
 
@@ -85,11 +97,14 @@ class Figures:
     radius, radius_one_more_sample : float
         Spectral radius of the sampled loop, likewise [-].
     noise_voltage : float
-        Largest standard deviation of the voltage that sensor noise makes [V].
+        Largest standard deviation of the voltage that sensor noise makes [V]; infinite likewise.
     constraints : tuple of Constraint
         Each at its worst.
     other_sign : Metrics
         At `ratio`, with the initial error of the other sign.
+    max_error, max_error_from_move : float
+        Largest |y - y*| over the family, of the whole horizon and from the start of the move on;
+        the second None where the path does not move [m].
     """
 
     worst: Metrics
@@ -103,6 +118,8 @@ class Figures:
     noise_voltage: float
     constraints: tuple[Constraint, ...]
     other_sign: Metrics
+    max_error: float
+    max_error_from_move: float | None
 
     @property
     def feasible(self) -> bool:
@@ -159,6 +176,17 @@ class Alternative:
     tuned: bool
 
 
+@dataclass(frozen=True)
+class WithNoise:
+    """The worst case run with the rig's noise: medians over `seeds` streams; `lost` balls."""
+
+    seeds: int
+    ise: float
+    iae: float
+    itae: float
+    lost: int
+
+
 def times_smaller(before: float, after: float) -> float:
     """Return before/after, 1 where both are 0 and infinity where only `after` is."""
     if after == 0:
@@ -185,6 +213,14 @@ class TuneResult:
     landscape : Landscape
     evaluations : int
         Closed loops that the search simulated.
+    emulated : EmulatedRow or None
+        The design on the emulated rig; None where the rig emulates nothing.
+    warnings : tuple of str
+        About the rig and the problem, whatever the answer.
+    with_noise : WithNoise or None
+        The worst case with the rig's noise; None where it has none.
+    relief : Relief or None
+        What would make an infeasible problem feasible, as far as an option of a tuning can.
     """
 
     status: Status
@@ -197,6 +233,10 @@ class TuneResult:
     alternatives: tuple[Alternative, ...]
     landscape: Landscape | None
     evaluations: int
+    emulated: EmulatedRow | None = None
+    warnings: tuple[str, ...] = ()
+    with_noise: WithNoise | None = None
+    relief: Relief | None = None
 
     @property
     def improvement(self) -> float | None:
@@ -212,6 +252,7 @@ class TuneResult:
 class Unstabilisable:
     """No poles in the box stabilise the sampled loop; what would [s], nan where nothing does."""
 
+    problem: TuningProblem
     largest_period: float
     largest_delay: float
 
@@ -229,15 +270,17 @@ def judge(problem: TuningProblem, poles: PoleSpec) -> Figures:
     runs = search.runs(x, [(case, float(r)) for case in problem.cases for r in ratios])
     limits: dict[str, Constraint] = {}
     simulated = [c for r in (*runs, worst) for c in r.constraints]
-    proved = certificate(problem, poles)
+    proved = (*certificate(problem, poles), *emulated_limits(problem, poles))
     values, over = poles.values, problem.family
     radius = loops.spectral_radius(problem.loop, values, over).value
     for limit in (*linear_constraints(problem, poles), *simulated, *proved):
         if limit.name not in limits or limit.slack < limits[limit.name].slack:
             limits[limit.name] = limit
-    if radius >= 1:  # |S| of an unstable loop is no margin, however small
-        ms = limits["Ms"]
-        limits["Ms"] = replace(ms, value=math.inf, slack=min(ms.slack, 1 - radius))
+    if radius >= 1:  # |S| of an unstable loop is no margin, and its noise grows for ever
+        for name in limits.keys() & {"Ms", "noise voltage"}:
+            slack = min(limits[name].slack, 1 - radius)
+            limits[name] = replace(limits[name], value=math.inf, slack=slack)
+    whole, moving = _max_errors(problem, poles, ratios)
     later = loops.spectral_radius(problem.delayed_loop, values, over).value
     return Figures(
         worst=_with_extremes(worst.metrics, [r.metrics for r in (*runs, worst)]),
@@ -248,17 +291,36 @@ def judge(problem: TuningProblem, poles: PoleSpec) -> Figures:
         ms_one_more_sample=_peak(problem.delayed_loop, values, over, later),
         radius=radius,
         radius_one_more_sample=later,
-        noise_voltage=loops.noise_voltage(
-            problem.loop, values, over, problem.rig.noise.position
-        ).value,
+        noise_voltage=math.inf
+        if radius >= 1
+        else loops.noise_voltage(problem.loop, values, over, problem.position_noise).value,
         constraints=tuple(limits.values()),
         other_sign=run(problem, poles, replace(case, flipped=not case.flipped), ratio).metrics,
+        max_error=whole,
+        max_error_from_move=moving,
     )
 
 
 def _peak(loop: loops.Loop, poles: Sequence[float], over: loops.Family, radius: float) -> float:
     """Return Ms; infinite for an unstable loop."""
     return math.inf if radius >= 1 else loops.peak_sensitivity(loop, poles, over).value
+
+
+def _max_errors(
+    problem: TuningProblem, poles: PoleSpec, ratios: NDArray[np.float64]
+) -> tuple[float, float | None]:
+    """Return the largest |y - y*| without noise, whole and from the start of the move on."""
+    design, path = design_at(problem, poles), problem.rig.reference
+    whole, moving = 0.0, 0.0
+    for case in problem.cases:
+        for ratio in ratios if not case.noise else ():
+            response = respond(problem.runs, design, scenario_at(problem, case, float(ratio)))
+            count = len(response.gap)
+            error = np.abs(response.gap - response.reference[:count])
+            whole = max(whole, float(np.nanmax(error)))
+            after = error[response.times[:count] >= path.start_time]
+            moving = max(moving, float(np.nanmax(after, initial=0.0)))
+    return whole, moving if path.start_gap != path.end_gap else None
 
 
 def _with_extremes(worst: Metrics, others: list[Metrics]) -> Metrics:
@@ -297,19 +359,27 @@ def solve(
             landscape = explore(search)
             if not stable_somewhere(landscape):
                 return _what_would_stabilise(problem)
-            found = exchange(search, list(_starts(problem, landscape)))
+            searched = exchange if problem.emulated_runs is None else optimum
+            found = searched(search, list(_starts(problem, landscape)))
+            if not found.feasible and problem.emulated_runs is None:
+                point = closest(problem, search.tell)
+                found = search.candidate(found.x if point is None else point)
         except KeyboardInterrupt:
             if search.best is None:
                 raise
             interrupted, found = True, search.best
         planned: tuple[Alternative, ...] = ()
-        if not interrupted and found.feasible:
+        relaxed: tuple[PoleSpec, float] | None = None
+        if not interrupted:
             try:
-                planned = _planned(problem, checked)
+                if problem.emulated_runs is not None:
+                    relaxed = relaxed_optimum(search, baseline)
+                elif found.feasible:
+                    planned = _planned(problem, _named(checked, "with U measured"))
             except KeyboardInterrupt:
                 interrupted = True
         report("judging and verifying", 0.0)
-        result = _judged(search, found, interrupted, baseline, planned, report)
+        result = _judged(search, found, interrupted, baseline, planned, relaxed, report)
         try:
             check()
         except KeyboardInterrupt:
@@ -376,6 +446,7 @@ def _judged(
     interrupted: bool,
     baseline: PoleSpec | None,
     planned: tuple[Alternative, ...],
+    relaxed: tuple[PoleSpec, float] | None,
     report: Callable[[str, float], None],
 ) -> TuneResult:
     problem = search.problem
@@ -383,9 +454,11 @@ def _judged(
     figures = judge(problem, poles)
     compared = None if baseline is None else judged_baseline(problem, baseline)
     report("judging and verifying", 0.3)
-    alternatives = (*planned, *_alternatives(problem, poles))
+    alternatives = (*planned, *alternatives_of(problem, poles))
     report("judging and verifying", 0.6)
     verification = verify(problem, poles, figures)
+    design = design_at(problem, poles)
+    emulated = emulated_row(problem, design, baseline, relaxed)
     report("judging and verifying", 1.0)
     box = problem.box()
     on_bound = bool(np.any(np.abs(found.x[:, None] - box) < 1e-4))
@@ -396,16 +469,20 @@ def _judged(
     else:
         status = Status.ON_BOUND if on_bound else Status.OPTIMAL
     return TuneResult(
+        warnings=cautions(problem),
+        with_noise=_with_noise(problem, poles, figures),
+        relief=relief(problem) if status is Status.INFEASIBLE else None,
         status=status,
         problem=problem,
         poles=poles,
-        design=design_at(problem, poles),
+        design=design,
         figures=figures,
         verification=verification,
         baseline=compared,
         alternatives=alternatives,
         landscape=search.landscape,
         evaluations=search.evaluations,
+        emulated=emulated,
     )
 
 
@@ -413,6 +490,22 @@ def judged_baseline(problem: TuningProblem, poles: PoleSpec) -> Baseline:
     """Return what other poles do in the same problem."""
     figures = judge(problem, poles)
     return Baseline(problem, poles, figures, verify(problem, poles, figures))
+
+
+def _with_noise(problem: TuningProblem, poles: PoleSpec, figures: Figures) -> WithNoise | None:
+    noise = problem.rig.noise
+    if noise.input == noise.position == 0:
+        return None
+    scenarios = [
+        scenario_at(problem, replace(figures.case, noise=True, index=n), figures.ratio)
+        for n in range(NOISY_RUNS)
+    ]
+    designs = [design_at(problem, poles)] * NOISY_RUNS
+    found = [x.metrics for x in simulate_batch(problem.runs, designs, scenarios)]
+    ise, iae, itae = (
+        float(np.median([getattr(m, key) for m in found])) for key in ("ise", "iae", "itae")
+    )
+    return WithNoise(NOISY_RUNS, ise, iae, itae, sum(m.crashed for m in found))
 
 
 def verify(problem: TuningProblem, poles: PoleSpec, figures: Figures) -> Verification:
@@ -445,7 +538,7 @@ def _planned(
     return (Alternative("planning", "measured", poles, judge(other, poles), True),)
 
 
-def _alternatives(problem: TuningProblem, poles: PoleSpec) -> tuple[Alternative, ...]:
+def alternatives_of(problem: TuningProblem, poles: PoleSpec) -> tuple[Alternative, ...]:
     """Return the same poles under the other equilibrium readings and discretisations.
 
     Readings of a voltage that the rig does not give are left out.
@@ -491,6 +584,7 @@ def _what_would_stabilise(problem: TuningProblem) -> Unstabilisable:
     sampling = problem.rig.sampling
     shortest = sampling.delay / MOST_DELAYED_PERIODS
     return Unstabilisable(
+        problem,
         _largest(problem, shortest, sampling.period, lambda value: {"period": value}),
         _largest(problem, 0.0, sampling.delay, lambda value: {"delay": value}),
     )

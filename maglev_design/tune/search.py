@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
 from maglev_design.design import PoleSpec
+from maglev_design.tune import dense
 from maglev_design.tune.problem import (
     Case,
     Constraint,
@@ -43,9 +44,7 @@ MARGIN = 1e-5
 CONVERGED = 3e-6
 """Change of the scaled objective at which the local solver stops."""
 MOST_ITERATIONS, MOST_ROUGH_ITERATIONS = 25, 8
-"""Of the local solver; the second where a pattern search follows."""
-PATTERN_START, PATTERN_END = 0.02, 2e-4
-"""Relative steps of the pattern search that finishes where the objective is not smooth."""
+"""Of the local solver; the second where a search by grids follows."""
 EQUAL = 1e-9
 """Relative difference below which two objectives are one: above rounding, below any cause."""
 WORSE = 1e-4
@@ -115,9 +114,13 @@ class Search:
     _linear: dict[bytes, tuple[Constraint, ...]] = field(default_factory=dict)
     _certificates: dict[bytes, tuple[Constraint, ...]] = field(default_factory=dict)
 
+    def tell(self) -> None:
+        """Say how far the search is; a wish to stop is heard here."""
+        self.progress(*self.stage)
+
     def runs(self, x: Array, pairs: Sequence[Pair], *, gradients: bool = False) -> list[Run]:
         """Return simulated loops, from memory when they were simulated before."""
-        self.progress(*self.stage)
+        self.tell()
         keys = [(x.tobytes(), pair) for pair in pairs]
         new = [key for key in dict.fromkeys(keys) if (*key, gradients) not in self._runs]
         if new:
@@ -256,11 +259,14 @@ def starting_points(landscape: Landscape) -> list[tuple[float, float]]:
     return [(float(landscape.zeta[i]), float(landscape.omega_n[j])) for i, j in order[:STARTS]]
 
 
-def descend(search: Search, start: Array, *, feasibility: bool = False) -> Candidate:
+def descend(
+    search: Search, start: Array, *, feasibility: bool = False, finish: bool = True
+) -> Candidate:
     """Return the local optimum near `start` on the active set.
 
     SLSQP on the epigraph: minimise t subject to t >= J_i/J_0 and the limits. With `feasibility`
-    the limits themselves are relaxed by t instead, which is then minimised.
+    the limits themselves are relaxed by t instead, which is then minimised. Without `finish` what
+    the solver leaves rough, where the voltage may saturate, stays so.
     """
     box = search.problem.box()
     start = np.clip(start, box[:, 0], box[:, 1])
@@ -305,7 +311,8 @@ def descend(search: Search, start: Array, *, feasibility: bool = False) -> Candi
     ranked = [c for c in (found, first, search.best) if c is not None]
     best = min(ranked, key=lambda c: (max(0.0, -c.tightest.slack), c.value))
     converged = solution.success and best is found and not rough
-    return best if feasibility or converged or not best.feasible else polish(search, best)
+    done = feasibility or converged or not best.feasible
+    return best if done or (rough and not finish) else polish(search, best)
 
 
 def _without_repetitions(limits: Sequence[Constraint]) -> tuple[list[float], list[Array]]:
@@ -324,21 +331,21 @@ def _without_repetitions(limits: Sequence[Constraint]) -> tuple[list[float], lis
     return values, slopes
 
 
-def polish(search: Search, best: Candidate) -> Candidate:
+def pattern_search(search: Search, best: Candidate, steps: tuple[float, float]) -> Candidate:
     """Return the best point of a shrinking pattern search around `best`.
 
     For where no gradient leads: the line search of the local solver got stuck at a kink of a
     limit, or the voltage saturates; then the samples at which the integrator is frozen change one
     by one with the poles and the objective has small jumps.
     """
-    step = PATTERN_START
+    step, smallest = steps
     box = search.problem.box()
     axes = len(best.x)
     compass = [np.array(d) for d in itertools.product((-1.0, 0.0, 1.0), repeat=2) if any(d)]
     pads = [np.zeros((axes, 2)) for _ in range(axes // 2)]
     for n, pad in enumerate(pads):
         pad[2 * n : 2 * n + 2] = np.eye(2)
-    while step > PATTERN_END:
+    while step > smallest:
         trials = [best.x + step * pad @ d for pad in pads for d in compass]
         found = [search.candidate(np.clip(x, box[:, 0], box[:, 1])) for x in trials]
         better = [c for c in found if c.feasible and c.value < best.value]
@@ -347,6 +354,38 @@ def polish(search: Search, best: Candidate) -> Candidate:
         else:
             step /= 2
     return best
+
+
+def polish(search: Search, best: Candidate, starts: Sequence[Array] = ()) -> Candidate:
+    """Return the best point of ever finer grids around `best` and other starts."""
+    for start in (best.x, *starts):
+        near = start is best.x
+        point, count = dense.zoomed(
+            search.problem,
+            start,
+            dense.least_objective,
+            search.pairs,
+            clamped=search.clamped,
+            told=search.tell,
+            width=dense.LOCAL if near else None,
+        )
+        search.evaluations += count
+        found = search.candidate(point)
+        if found.feasible and found.value < best.value:
+            best = found
+    return best
+
+
+def _polished_everywhere(search: Search, best: Candidate) -> Candidate:
+    """Return the best point around `best` and around the best ones of a grid over the whole box.
+
+    For where the voltage may saturate: the objective has many small valleys.
+    """
+    starts, count = dense.best_points(
+        search.problem, dense.least_objective, search.pairs, search.clamped
+    )
+    search.evaluations += count
+    return polish(search, best, starts)
 
 
 def worst_ratio(search: Search, x: Array, case: Case) -> tuple[float, Run]:
@@ -381,9 +420,11 @@ def exchange(search: Search, starts: Sequence[Array]) -> Candidate:
         search.best = search.candidate(search.best.x, remember=False)
     found = []
     for count, start in enumerate(starts):
-        found.append(descend(search, start))
+        found.append(descend(search, start, finish=False))
         search.stage = ("local solver", (count + 1) / (len(starts) + 1))
     best = min(found, key=lambda c: (max(0.0, -c.tightest.slack), c.value))
+    if best.feasible and problem.limits.allow_saturation:
+        best = _polished_everywhere(search, best)
     if not best.feasible:
         best = descend(search, best.x, feasibility=True)
         if not best.feasible:

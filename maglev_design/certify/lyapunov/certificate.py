@@ -1,44 +1,50 @@
 """``certificate.json``: what is claimed, written for a reader who trusts nobody.
 
-The document holds the numbers of rig and controller, the families, and P; every number is a
-rational in a string. :func:`check` believes none of the rest: it computes the vertices of each
-claimed family anew from those numbers, compares them with the listed ones and verifies the
-inequalities of :mod:`maglev_design.certify.lyapunov.exact`. It needs neither a solver nor CasADi.
-SymPy it does need: the state matrices are stated once, there, and a checker with formulas of its
-own would only prove something about those.
+The document holds the numbers of plant and controller, the families, and P. The controller's are
+the doubles that run, and their digest its name; every other number is a rational in a string.
+:func:`check` believes none of the rest: it computes the vertices of each claimed family anew from
+those numbers, compares them with the listed ones and verifies the inequalities of
+:mod:`maglev_design.certify.lyapunov.exact`. It needs neither a solver nor CasADi. SymPy it does
+need: the state matrices are stated once, there, and a checker with formulas of its own would only
+prove something about those.
 """
 
 from __future__ import annotations
 
 import json
-import re
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
+from maglev_design.certify.lyapunov import fields
 from maglev_design.certify.lyapunov.enclosure import Polytope, enclose
 from maglev_design.certify.lyapunov.exact import Matrix, failing, is_positive_definite
-from maglev_design.certify.lyapunov.family import Claim, Subject, state_names
+from maglev_design.certify.lyapunov.family import Claim, Subject, state_names, subject
 from maglev_design.certify.lyapunov.lmi import LOOPS, LmiCertificate, as_strings
-from maglev_design.choices import EQUILIBRIA, METHODS, SCHEMA_VERSION
+from maglev_design.certify.lyapunov.words import claim_in_words, controller_in_words
+from maglev_design.choices import SCHEMA_VERSION, TAN_GPI
+from maglev_design.design import Design, difference_coefficients
 from maglev_design.errors import InputError
 from maglev_design.files import digest, read_document, write_bytes
+from maglev_design.parameters import Rig
 
 KIND = "maglev-design-certificate"
+CERTIFICATE_VERSION = 2
+"""Of this document; 1 named no controller."""
 LARGEST_DOCUMENT = 5_000_000
 """[bytes]"""
 MOST_CERTIFICATES = 8
-LONGEST_NUMBER = 200
-"""Characters of one rational."""
-SIZES = (Fraction(1, 10**40), Fraction(10**30))
-"""Magnitudes that a number other than 0 may have, in SI units."""
-_RATIONAL = re.compile(r"-?[0-9]+(/[0-9]+)?", re.ASCII)
-_RIG = ("mass", "gravity", "current_gain", "force_constant", "gap_offset", "gap")
-
-
-T = TypeVar("T", bound=str)
+ROUNDING = 1e-12
+"""Relative difference to which the coefficients must be those of the gains."""
+_RIG = ("gravity", "gap_offset", "beta", "delay")
+_KEYS = ("schema_version", "certificate_version", "kind", "controller_sha256", "rig")
+_DOCUMENT = (*_KEYS, "controller", "certificates", "sha256")
+_FAMILY = ("gaps", "ratios", "shifts", "voltage_held")
+_PROOF = ("states", "scaling", "vertices", "remainder", "P")
+_ENTRY = ("loop", "family", *_PROOF, "decay")
 
 
 @dataclass(frozen=True)
@@ -52,9 +58,21 @@ class Check:
 
 @dataclass(frozen=True)
 class CheckResult:
-    """All that was verified of one document."""
+    """All that was verified of one document.
+
+    Attributes
+    ----------
+    checks : tuple of Check
+    controller_sha256 : str
+    controller, claims : str and tuple of str
+        Of which controller the document speaks and what it claims, in words; true where every check
+        passed.
+    """
 
     checks: tuple[Check, ...]
+    controller_sha256: str
+    controller: str
+    claims: tuple[str, ...]
 
     @property
     def passed(self) -> bool:
@@ -63,7 +81,14 @@ class CheckResult:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the result for JSON."""
-        return {"passed": self.passed, "checks": [vars(check) for check in self.checks]}
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "passed": self.passed,
+            "controller_sha256": self.controller_sha256,
+            "controller": self.controller,
+            "claims": list(self.claims),
+            "checks": [vars(check) for check in self.checks],
+        }
 
 
 def document(certificates: Sequence[LmiCertificate]) -> dict[str, Any]:
@@ -81,16 +106,11 @@ def document(certificates: Sequence[LmiCertificate]) -> dict[str, Any]:
     of = proved[0].subject
     body = {
         "schema_version": SCHEMA_VERSION,
+        "certificate_version": CERTIFICATE_VERSION,
         "kind": KIND,
-        "rig": {name: str(getattr(of, name)) for name in _RIG}
-        | {"voltage": None if of.voltage is None else str(of.voltage)},
-        "controller": {
-            "equilibrium": of.equilibrium,
-            "gains": [str(k) for k in of.gains],
-            "method": of.method,
-            "period": str(of.period),
-            "delay": str(of.delay),
-        },
+        "controller_sha256": of.sha256,
+        "rig": {"name": of.rig} | {name: str(getattr(of, name)) for name in _RIG},
+        "controller": dict(of.numbers),
         "certificates": [_entry(c) for c in proved],
     }
     return body | {"sha256": digest(body)}
@@ -98,9 +118,12 @@ def document(certificates: Sequence[LmiCertificate]) -> dict[str, Any]:
 
 def _entry(found: LmiCertificate) -> dict[str, Any]:
     whole = found.as_dict()
-    family = {name: whole["family"][name] for name in ("gaps", "ratios")}
-    kept = {name: whole[name] for name in ("states", "scaling", "vertices", "remainder", "P")}
-    return {"loop": whole["loop"], "family": family, **kept, "decay": whole["decay_exact"]}
+    return {
+        "loop": whole["loop"],
+        "family": {name: whole["family"][name] for name in _FAMILY},
+        **{name: whole[name] for name in _PROOF},
+        "decay": whole["decay_exact"],
+    }
 
 
 def write(path: Path, certificates: Sequence[LmiCertificate]) -> None:
@@ -109,67 +132,118 @@ def write(path: Path, certificates: Sequence[LmiCertificate]) -> None:
     write_bytes(path, text.encode())
 
 
-def check(path: Path) -> CheckResult:
+def check(path: Path, against: tuple[Design, Rig] | None = None) -> CheckResult:
     """Verify a document anew, in exact arithmetic.
+
+    Parameters
+    ----------
+    path : Path
+    against : tuple of Design and Rig, optional
+        The controller, on its rig, of which the document should speak.
 
     Raises
     ------
     InputError
-        When the file cannot be read, is no certificate, or a number in it is none.
+        When the file cannot be read, is no certificate, is of another version, or a field of it is
+        unknown, missing, impossible or contradicts another.
     """
     data = read_document(path, "a certificate", LARGEST_DOCUMENT)
     if data.get("kind") != KIND:
         raise InputError(f"{path}: kind = {str(data.get('kind'))[:80]!r}: must be {KIND!r}")
-    if data.get("schema_version") != SCHEMA_VERSION:
+    version = (data.get("schema_version"), data.get("certificate_version"))
+    if version != (SCHEMA_VERSION, CERTIFICATE_VERSION):
         raise InputError(
-            f"{path}: schema_version: this program reads {SCHEMA_VERSION}; certify again to write "
-            "a new document"
+            f"{path}: schema_version, certificate_version = {str(version[0])[:40]}, "
+            f"{str(version[1])[:40]}: this program reads {SCHEMA_VERSION}, {CERTIFICATE_VERSION}; "
+            "make the certificate anew: maglev-design certify design.json -o FOLDER"
         )
     try:
-        entries = _list(data, "certificates")
+        fields.only(data, _DOCUMENT)
+        entries = fields.items(data, "certificates")
         if not 1 <= len(entries) <= MOST_CERTIFICATES:
             raise InputError(f"certificates: must be 1 to {MOST_CERTIFICATES}")
         of = _subject(data)
-        checks = [_whole(data)]
+        checks = [_whole(data), _equation(of)]
+        if against is not None:
+            checks += _same(of, *against)
+        claims = []
         for number, entry in enumerate(entries):
-            checks += _checked(of, entry, f"certificates[{number}]")
+            words, found = _checked(of, entry, f"certificates[{number}]")
+            claims.append(words)
+            checks += found
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    return CheckResult(tuple(checks))
+    return CheckResult(tuple(checks), of.sha256, controller_in_words(of), tuple(claims))
 
 
 def _whole(data: dict[str, Any]) -> Check:
-    try:
-        same = data.get("sha256") == digest(data)
-    except ValueError as error:
-        raise InputError("a number that is not finite") from error
+    same = data["sha256"] == digest(data)
     return Check(
         "sha256", same, "as written" if same else "the document was changed after it was written"
     )
 
 
-def _checked(of: Subject, entry: Any, where: str) -> list[Check]:
-    """Return the checks of one certificate."""
-    family, loop = _table(entry, "family", where), _choice(entry, "loop", LOOPS, where)
-    over = Claim(
-        loop,
-        _pair(family, "gaps", f"{where}.family"),
-        _pair(family, "ratios", f"{where}.family"),
+def _equation(of: Subject) -> Check:
+    """Return the check that the difference equation is the one that the gains make."""
+    numbers = of.numbers
+    low, high = numbers["voltage_limits"]
+    known = {"C_U_hat": numbers["C_U"], "C_Y_hat": numbers["C_Y"], "T": numbers["period"]}
+    known |= {"u_min": low, "u_max": math.inf if high is None else high, **numbers["gains"]}
+    made, listed = difference_coefficients(known, of.method, TAN_GPI), numbers["coefficients"]
+    same = all(
+        math.isclose(x, math.inf if listed[name] is None else listed[name], rel_tol=ROUNDING)
+        for name, x in made.items()
     )
+    return Check(
+        "difference equation",
+        same,
+        f"{'that' if same else 'not that'} of the gains, by {of.method}, to {ROUNDING:g}",
+    )
+
+
+def _same(of: Subject, design: Design, rig: Rig) -> list[Check]:
+    """Return the checks that the document speaks of this controller on this rig."""
+    mine, theirs = subject(design, rig), of.sha256
+    same = mine.sha256 == theirs
+    differing = [name for name in _RIG if getattr(of, name) != getattr(mine, name)]
+    return [
+        Check(
+            "controller",
+            same,
+            f"{theirs}, the design's"
+            if same
+            else f"the certificate is of {theirs}, the design is {mine.sha256}",
+        ),
+        Check("rig", not differing, f"differs in {', '.join(differing)}" if differing else of.rig),
+    ]
+
+
+def _checked(of: Subject, entry: Any, where: str) -> tuple[str, list[Check]]:
+    """Return what one certificate claims, and its checks."""
+    if not isinstance(entry, dict):
+        raise InputError(f"{where}: must be a table")
+    fields.only(entry, _ENTRY, where)
+    family = fields.table(entry, "family", _FAMILY, where)
+    loop = fields.choice(entry, "loop", LOOPS, where)
+    gaps, ratios, shifts = (
+        fields.pair(family, name, f"{where}.family") for name in ("gaps", "ratios", "shifts")
+    )
+    held = _flag(family["voltage_held"], f"{where}.family.voltage_held")
+    over = Claim(loop, gaps, ratios, shifts, held)
     names = list(state_names(of, loop))
-    scale = _vector(entry, "scaling", len(names), where)
+    scale = fields.rationals(entry["scaling"], len(names), f"{where}.scaling")
     P = tuple(
-        _numbers(row, len(names), f"{where}.P[{n}]")
-        for n, row in enumerate(_list(entry, "P", len(names), where))
+        fields.rationals(row, len(names), f"{where}.P[{n}]")
+        for n, row in enumerate(fields.items(entry, "P", len(names), where))
     )
-    decay = _number(entry.get("decay"), f"{where}.decay")
+    decay = fields.rational(entry["decay"], f"{where}.decay")
     polytope = enclose(of, over, scale)
     listed = [as_strings(vertex) for vertex in polytope.vertices]
     label = f"{where} {loop}"
     period = of.period if loop == "sampled" else None
-    same = entry.get("vertices") == listed and entry.get("remainder") == str(polytope.remainder)
-    return [
-        Check(f"{label}: states", entry.get("states") == names, ", ".join(names)),
+    same = entry["vertices"] == listed and entry["remainder"] == str(polytope.remainder)
+    return claim_in_words(of, over, decay), [
+        Check(f"{label}: states", entry["states"] == names, ", ".join(names)),
         Check(
             f"{label}: vertices",
             same,
@@ -182,6 +256,12 @@ def _checked(of: Subject, entry: Any, where: str) -> list[Check]:
         ),
         _decrease(f"{label}: decrease", same, polytope, P, decay, period),
     ]
+
+
+def _flag(value: Any, where: str) -> bool:
+    if not isinstance(value, bool):
+        raise InputError(f"{where} = {str(value)[:40]!r}: must be true or false")
+    return value
 
 
 def _decrease(
@@ -204,76 +284,22 @@ def _decrease(
 
 
 def _subject(data: dict[str, Any]) -> Subject:
-    rig, own = _table(data, "rig"), _table(data, "controller")
-    numbers = {name: _number(rig.get(name), f"rig.{name}") for name in _RIG}
-    voltage = rig.get("voltage")
-    return Subject(
-        **numbers,
-        voltage=None if voltage is None else _number(voltage, "rig.voltage"),
-        equilibrium=_choice(own, "equilibrium", EQUILIBRIA, "controller"),
-        method=_choice(own, "method", METHODS, "controller"),
-        gains=_vector(own, "gains", 4, "controller"),
-        period=_positive(own, "period"),
-        delay=_number(own.get("delay"), "controller.delay"),
+    """Return the exact numbers of a document; none of them impossible, none contradicting."""
+    rig, numbers = fields.table(data, "rig", ("name", *_RIG)), fields.controller(data)
+    if not isinstance(rig["name"], str):
+        raise InputError(f"rig.name = {str(rig['name'])[:40]!r}: must be a string")
+    for name, unit in (("gravity", "m/s^2"), ("beta", "m^3/(s^2 V^2)")):
+        fields.positive(rig[name], f"rig.{name}", unit)
+    of = Subject(
+        numbers, rig["name"], **{name: fields.rational(rig[name], f"rig.{name}") for name in _RIG}
     )
-
-
-def _positive(table: dict[str, Any], name: str) -> Fraction:
-    value = _number(table.get(name), f"controller.{name}")
-    if value <= 0:
-        raise InputError(f"controller.{name}: must be greater than 0")
-    return value
-
-
-def _number(value: Any, where: str) -> Fraction:
-    """Return a rational written as "p" or "p/q"."""
-    if not isinstance(value, str) or len(value) > LONGEST_NUMBER or not _RATIONAL.fullmatch(value):
+    if of.delay < 0:
+        raise InputError(f"rig.delay = {rig['delay']} [s]: must be 0 or more")
+    if of.gap + of.gap_offset <= 0:
+        raise InputError(f"rig.gap_offset = {rig['gap_offset']} [m]: Y + y0 must be above 0")
+    if data["controller_sha256"] != of.sha256:
         raise InputError(
-            f"{where} = {str(value)[:40]!r}: must be a rational in a string, such as '981/100'"
+            f"controller_sha256 = {str(data['controller_sha256'])[:64]!r}: contradicts the numbers "
+            f"of `controller`, whose name is {of.sha256}"
         )
-    over, _, under = value.partition("/")
-    if under and int(under) == 0:
-        raise InputError(f"{where} = {value[:40]!r}: divides by zero")
-    number = Fraction(int(over), int(under or 1))
-    if number and not SIZES[0] <= abs(number) <= SIZES[1]:
-        raise InputError(f"{where} = {value[:40]!r}: larger or smaller than any rig's")
-    return number
-
-
-def _numbers(row: Any, size: int, where: str) -> tuple[Fraction, ...]:
-    if not isinstance(row, list) or len(row) != size:
-        raise InputError(f"{where}: must be a list of {size} rationals")
-    return tuple(_number(value, f"{where}[{n}]") for n, value in enumerate(row))
-
-
-def _vector(table: dict[str, Any], name: str, size: int, where: str) -> tuple[Fraction, ...]:
-    return _numbers(table.get(name), size, f"{where}.{name}")
-
-
-def _pair(table: dict[str, Any], name: str, where: str) -> tuple[Fraction, Fraction]:
-    low, high = _vector(table, name, 2, where)
-    return low, high
-
-
-def _list(table: dict[str, Any], name: str, size: int | None = None, where: str = "") -> list[Any]:
-    found = table.get(name)
-    if not isinstance(found, list) or (size is not None and len(found) != size):
-        rows = "" if size is None else f" of {size} rows"
-        raise InputError(f"{where}{'.' if where else ''}{name}: must be a list{rows}")
-    return found
-
-
-def _table(data: Any, name: str, where: str = "") -> dict[str, Any]:
-    found = data.get(name) if isinstance(data, dict) else None
-    if not isinstance(found, dict):
-        raise InputError(f"{where}{'.' if where else ''}{name}: must be a table")
-    return found
-
-
-def _choice(table: dict[str, Any], name: str, allowed: Sequence[T], where: str) -> T:
-    for word in allowed:
-        if table.get(name) == word:
-            return word
-    raise InputError(
-        f"{where}.{name} = {str(table.get(name))[:40]!r}: must be one of {', '.join(allowed)}"
-    )
+    return of

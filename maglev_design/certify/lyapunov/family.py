@@ -48,6 +48,8 @@ class Subject:
     numbers : mapping
         Of the controller, :attr:`maglev_design.design.Design.numbers`: doubles, taken as exact but
         for Y and the period, which are the decimals that were typed.
+    rig : str
+        The rig's name.
     gravity, gap_offset, beta : Fraction
         g, y0 and beta_c, the plant's beta at the ratio 1; decimals.
     delay : Fraction
@@ -55,6 +57,7 @@ class Subject:
     """
 
     numbers: Mapping[str, Any] = field(hash=False)
+    rig: str
     gravity: Fraction
     gap_offset: Fraction
     beta: Fraction
@@ -170,6 +173,7 @@ def subject(design: Design, rig: Rig) -> Subject:
     check_same_rig(rig, design)
     return Subject(
         numbers=finite(design.numbers),
+        rig=rig.name,
         gravity=decimal(rig.plant.gravity),
         gap_offset=decimal(rig.plant.gap_offset),
         beta=decimal(design.believed.beta),

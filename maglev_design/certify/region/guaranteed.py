@@ -41,15 +41,28 @@ POINTS = 401
 class Status(enum.Enum):
     """What was found; the value is a sentence with the remedy."""
 
-    GUARANTEED = "Every start in the region converges without touching a limit of the gap."
+    GUARANTEED = (
+        "Every start in the region converges under the continuous law without touching a limit of "
+        "the gap."
+    )
+    SAMPLED_UNSTABLE = (
+        "No region is offered: it would be the continuous law's, and the sampled loop, which runs, "
+        "is unstable in the family; sample faster or take slower poles."
+    )
     NO_FORM = (
-        "No quadratic function proves anything: the loop is unstable, or barely stable, somewhere "
-        "in the ratio interval; narrow it, or take other poles."
+        "No quadratic function proves anything: the continuous loop is unstable, or barely stable, "
+        "somewhere in the ratio interval; narrow it, or take other poles."
     )
     START_OUTSIDE = (
         "A set was proved, but the controller's start under mismatch lies outside it: narrow the "
         "ratio interval, or give the integrator a start nearer to its rest."
     )
+
+
+def status_as_data(status: Status) -> dict[str, str]:
+    """Return a status for JSON, and of which law the region is."""
+    name = status.name.lower().replace("_", "-")
+    return {"law": "continuous", "status": name, "message": status.value}
 
 
 @dataclass(frozen=True)
@@ -128,8 +141,7 @@ class Region:
     def as_dict(self) -> dict[str, Any]:
         """Return the region for JSON; the form as strings of exact rationals, SI units."""
         return {
-            "status": self.status.name.lower().replace("_", "-"),
-            "message": self.status.value,
+            **status_as_data(self.status),
             "gap": float(self.model.gap),
             "ratios": [str(ratio) for ratio in self.ratios],
             "states": list(self.model.names),
@@ -212,7 +224,7 @@ def guaranteed_region(
     ----------
     rig : Rig
     design : Design
-        Of TAN-GPI. It stays; the plant's beta is the rig's over the ratio.
+        Of TAN-GPI. It stays; the plant's beta is the design's beta_c over the ratio.
     ratios : tuple
         Interval of beta_c/beta; decimals are taken as exact.
     gap : float, optional

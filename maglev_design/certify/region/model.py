@@ -200,7 +200,7 @@ def deviation(
     integrator, *others = law.states
     z = (p.e, q, p.v, *others)
     (own,) = sp.solve(q - sum(k * x for x, k in slopes.items()), integrator)
-    rest = _voltages_at_rest(rig, ratios, gap)
+    rest = _voltages_at_rest(rig, design.believed.beta, ratios, gap)
     found = Deviation(
         running=_linear_part(z, slopes, flows, {integrator: own}),
         frozen=_linear_part(z, slopes, [sp.Integer(0), *flows[1:]], {integrator: own}),
@@ -258,13 +258,13 @@ def _linear_part(
 
 
 def _voltages_at_rest(
-    rig: Rig, ratios: tuple[Fraction, Fraction], gap: float
+    rig: Rig, beta_c: float, ratios: tuple[Fraction, Fraction], gap: float
 ) -> tuple[Fraction, Fraction]:
     """Return bounds of the plant's voltage at rest at `gap` over the ratios, a little apart."""
     plant = p.magnetic_levitation()
     known = {p.g: rig.plant.gravity, p.y0: rig.plant.gap_offset, p.Y: gap}
     nominal = {x: Rational(value) for x, value in known.items()}
-    beta = Rational(designs.plant_beta(rig))
+    beta = Rational(beta_c)
 
     def square(ratio: Fraction) -> Fraction:
         moved = beta / Rational(ratio.numerator, ratio.denominator)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from maglev_design.certify.rationals import decimal
 from maglev_design.certify.region.guaranteed import Region
 from maglev_design.choices import Backend
-from maglev_design.design import Design, plant_beta
+from maglev_design.design import Design
 from maglev_design.errors import InputError
 from maglev_design.parameters import ReferencePath, Rig
 from maglev_design.simulate import Scenario, loop_for, simulate_batch
@@ -97,7 +97,7 @@ def simulated_map(
     rig : Rig
         Regulates at `gap`; its own path is not followed.
     design : Design
-        Stays; the plant's beta is the rig's over the ratio.
+        Stays; the plant's beta is the design's beta_c over the ratio.
     extent : pair of pairs, optional
         Least and largest e [m] and v [m/s]; default: :func:`whole_plane`.
     points : int
@@ -121,7 +121,7 @@ def simulated_map(
     holding = rig.model_copy(update={"reference": _hold(gap, _settling_time(design))})
     (left, right), (low, high) = whole_plane(rig, gap) if extent is None else extent
     e, v = np.linspace(left, right, points), np.linspace(low, high, points)
-    beta = plant_beta(rig) / ratio
+    beta = design.beta_at(ratio)
     scenarios = [Scenario(beta, gap + float(x), float(y)) for y in v for x in e]
     loop = loop_for(holding, design, continuous=continuous)
     found = simulate_batch(

@@ -1,0 +1,98 @@
+"""Where nothing is feasible: the poles that come closest, and which options would do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maglev_design.tune import dense
+from maglev_design.tune.problem import Case, TuningProblem
+
+Array = NDArray[np.float64]
+
+ROOM = 1.03
+"""Factor on a relaxed limit: a search needs a region, a single point is not found."""
+OPTIONS: Mapping[str, tuple[str, ...]] = {
+    "Ms": ("Ms",),
+    "noise voltage": ("noise voltage",),
+    "--allow-saturation": ("smallest commanded voltage", "largest commanded voltage"),
+}
+"""The limits that an option of a tuning can relax."""
+
+
+@dataclass(frozen=True)
+class Relief:
+    """Options of :func:`maglev_design.tune.build_problem` that make a problem feasible.
+
+    Attributes
+    ----------
+    options : mapping
+    hint : str
+        The same as a person types them.
+    """
+
+    options: Mapping[str, Any]
+    hint: str
+
+
+def _pairs(problem: TuningProblem) -> list[tuple[Case, float]]:
+    ratios = dict.fromkeys(problem.family.ratios)
+    return [(case, ratio) for case in problem.cases for ratio in ratios]
+
+
+def closest(problem: TuningProblem, told: Callable[[], None]) -> Array | None:
+    """Return the stable point of the box whose worst broken limit is broken least; None if none."""
+    return _least(problem, dense.least_violation, told)
+
+
+def _least(problem: TuningProblem, score: dense.Score, told: Callable[[], None]) -> Array | None:
+    pairs = _pairs(problem)
+    starts, _ = dense.best_points(problem, score, pairs, clamped=True)
+    if not starts:
+        return None
+    point, _ = dense.zoomed(problem, starts[0], score, pairs, clamped=True, told=told)
+    return point
+
+
+def relief(problem: TuningProblem) -> Relief | None:
+    """Return the smallest change of options that makes the problem feasible, None without one.
+
+    One kind of limit alone where that suffices, else as many as have to move.
+    """
+    kinds = list(OPTIONS)
+    for group in [*([kind] for kind in kinds), kinds]:
+        names = [name for kind in group for name in OPTIONS[kind]]
+        point = _least(problem, dense.least_breach_of(names), lambda: None)
+        if point is not None:
+            return _relief(problem, point, names)
+    return None
+
+
+def _relief(problem: TuningProblem, point: Array, names: Sequence[str]) -> Relief:
+    _, slacks = dense.evaluated(problem, point[None, :], _pairs(problem), clamped=True)
+    broken = [name for name in names if name in slacks and slacks[name][0] < 0]
+    options: dict[str, Any] = {}
+    hints = []
+    limits = problem.limits
+    for name, key, flag, limit in (
+        ("Ms", "max_ms", "--max-ms", limits.max_ms),
+        ("noise voltage", "max_noise_voltage", "--max-noise-voltage", limits.max_noise_voltage),
+    ):
+        if name in broken:
+            options[key] = _rounded_up(ROOM * limit * math.exp(-slacks[name][0]))
+            hints.append(f"{flag} {options[key]:g}")
+    if set(broken) & set(OPTIONS["--allow-saturation"]):
+        options["allow_saturation"] = True
+        hints.append("--allow-saturation (or a wider limits.voltage)")
+    return Relief(options, f"{' with '.join(hints)} would do")
+
+
+def _rounded_up(value: float) -> float:
+    """Return `value` with two digits, not smaller."""
+    scale = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return float(f"{math.ceil(value / scale - 1e-9) * scale:.3g}")
