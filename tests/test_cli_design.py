@@ -262,7 +262,7 @@ def test_somebodys_pid_is_judged_saved_and_exported(rig_file: str, tmp_path: Pat
     assert "| law | LIN-PID" in (folder / "README.md").read_text("utf-8")
     if (compiler := shutil.which("gcc") or shutil.which("clang")) is not None:
         made = [compiler, *WARNINGS, "-fsyntax-only", str(folder / "maglev.c")]
-        assert subprocess.run(made, check=False, timeout=60).returncode == 0
+        assert subprocess.run(made, check=False, timeout=60).returncode == 0  # noqa: S603
     report = CliRunner().invoke(app, ["report", str(folder / "design.json")])
     assert isinstance(report.exception, InputError)
     assert "its law is lin-pid" in str(report.exception)
