@@ -256,7 +256,7 @@ def test_a_tuning_is_saved_replayed_and_repeated(tmp_path: Path) -> None:
     assert found["status"] == "optimal"
     assert set(found["worst_case"]) >= METRICS - {"min_gap", "max_gap", "final_error"} | LOOP
     assert set(found["gains"]) == {"k0", "k1", "k2", "k3"}
-    assert set(found["baseline"]) >= {"zeta", "omega_n", "worst_case"}
+    assert found["baseline"] is None  # the paper's poles belong to the paper's rig
     assert all({"name", "limit", "value", "satisfied"} <= set(c) for c in found["constraints"])
     assert set(found["verification"]) >= {"integrator", "itae", "relative_difference"}
     first = contents(folder)
@@ -276,6 +276,22 @@ def test_a_tuning_is_saved_replayed_and_repeated(tmp_path: Path) -> None:
     assert contents(folder) == first
 
 
+def test_a_rig_on_which_nothing_moves_says_so_first(tmp_path: Path) -> None:
+    path = tmp_path / "minimal.toml"
+    path.write_text(
+        "[plant]\nmass = 0.2\ngravity = 9.81\ncurrent_gain = 1.0\nforce_constant = 3.13e-4\n"
+        "[operating_point]\ngap = 0.0263668\n[sampling]\nperiod = 0.002\n"
+    )
+    done = run("tune", "--rig", str(path), "--baseline", "1", "60")
+    assert done.stdout.startswith("Nothing moves on this rig")
+    assert "+0.527 mm" in done.stdout.splitlines()[0]
+    found = document(run("tune", "--rig", str(path), "--baseline", "1", "60", "--json"))
+    assert found["excitation"]["initial_gap"] == found["rig"]["initial"]["gap"] > 0.0263668
+    assert found["worst_case"]["itae"] > 0
+    assert set(found["baseline"]) >= {"zeta", "omega_n", "worst_case"}
+    assert found["baseline"]["zeta"] == 1
+
+
 @pytest.mark.parametrize("place", ["foreign", "foreign/thesis.tex", "foreign/thesis.tex/below"])
 def test_a_place_that_is_not_ours_is_refused_before_any_work(tmp_path: Path, place: str) -> None:
     foreign = tmp_path / "foreign"
@@ -289,8 +305,11 @@ def test_a_place_that_is_not_ours_is_refused_before_any_work(tmp_path: Path, pla
 def test_limits_that_cannot_be_met_end_with_three_and_name_the_tightest(tmp_path: Path) -> None:
     done = run("tune", "--rig", rig_file(tmp_path), "--max-ms", "1.05", "--json", code=3)
     assert "tightest limit is Ms" in done.stderr
+    assert "would do" in done.stderr
     found = document(done)
     assert found["status"] == "infeasible"
+    assert found["tightest"]["name"] == "Ms"
+    assert found["tightest"]["hint"] in done.stderr
     (broken,) = [c for c in found["constraints"] if c["name"] == "Ms"]
     assert not broken["satisfied"]
 
@@ -299,6 +318,7 @@ def test_a_period_too_long_ends_with_three_and_names_one_that_would_do(tmp_path:
     done = run("tune", "--rig", rig_file(tmp_path, period=0.06), code=3)
     assert "spectral radius" in done.stderr
     assert "largest period" in done.stderr
+    assert "p T = " in done.stderr
     assert done.stdout == ""
 
 

@@ -89,6 +89,8 @@ def tune(request: Request, output: Path | None, *, force: bool, as_json: bool) -
         warn(text)
     if as_json:
         print_json(record.document)
+        for text in record.document["warnings"]:
+            warn(text)
     else:
         show(record.document)
     tell(rig, record.document, written, as_json=as_json)
@@ -290,6 +292,8 @@ def _print_head(document: dict[str, Any]) -> None:
             f"({100 * excitation['share_of_Z']:g} % of Y + y0), at "
             f"{1e3 * excitation['initial_gap']:.5g} mm."
         )
+    if document["status"] == "infeasible":
+        lines.append("INFEASIBLE: no design; what follows is of the poles that come closest.")
     lines += [f"Warning: {text}." for text in document["warnings"]]
     if document["baseline"] is None and document["status"] != "infeasible":
         worst, start = document["worst_case"], document["initial_error"]
@@ -459,9 +463,15 @@ def _print_planning(document: dict[str, Any], other: dict[str, Any]) -> None:
     key, factor = document["objective"], other["improvement"]
     if not other["feasible"] or (factor is not None and factor <= 1):
         return
+    known = document["rig"]["operating_point"].get("voltage") is not None
+    how = (
+        f"Taking U as measured, to {100 * other['voltage_error']:g} % (--equilibrium measured),"
+        if known
+        else f"Measuring U to {100 * other['voltage_error']:g} % (write operating_point.voltage, "
+        "--equilibrium measured)"
+    )
     sys.stdout.write(
-        f"Measuring U to {100 * other['voltage_error']:g} % (write operating_point.voltage, "
-        f"--equilibrium measured) would bring worst {key.upper()} "
+        f"{how} would bring worst {key.upper()} "
         f"{other['worst_case'][key]:.3g} instead of {document['worst_case'][key]:.3g}, tuned "
         f"anew: {_times(factor)} times.\n\n"
     )

@@ -33,10 +33,14 @@ NARROW = 13
 """Points along each axis of a grid around one point."""
 CENTRES = 6
 """Best points of the wide grid around which finer ones are laid."""
+APART = 1.5
+"""Steps of the wide grid between two centres."""
 LOCAL = 0.02
 """Relative half width of the first grid around a point that a local solver found."""
-FINEST = 1e-4
+FINEST = 2e-4
 """Relative half width of the last grid."""
+FEW = 2
+"""Valleys that are followed to the end."""
 NONE = 1e9
 """Score of a point that does not count: an unstable loop, or a limit broken that must not be."""
 
@@ -58,32 +62,53 @@ def least_breach_of(names: Sequence[str]) -> Score:
     def score(_: Array, slacks: Mapping[str, Array]) -> Array:
         others = [s for name, s in slacks.items() if name not in names]
         kept = np.min(others, axis=0) >= 0
-        breach = -np.min([slacks[name] for name in names if name in slacks], axis=0)
+        named = [slacks[name] for name in names if name in slacks]
+        breach = -np.min([np.full(kept.shape, np.inf), *named], axis=0)
         return np.where(kept, breach, NONE)
 
     return score
 
 
-def evaluated(
-    problem: TuningProblem, points: Array, pairs: Sequence[Pair], clamped: bool
-) -> tuple[Array, dict[str, Array]]:
-    """Return the worst objective and the slack of each limit at n points, the rows of `points`.
+def linear_slacks(problem: TuningProblem, points: Array, centre: Array | None) -> dict[str, Array]:
+    """Return the slacks of the linear loop, coarse, but no milder than is exact at `centre`."""
+    slacks = coarse_slacks(problem, [problem.poles(x) for x in points])
+    if centre is None:
+        return slacks
+    at = coarse_slacks(problem, [problem.poles(centre)])
+    if at["spectral radius"][0] <= 0:
+        return slacks
+    lack = dict.fromkeys(at, 0.0)
+    for limit in linear_constraints(problem, problem.poles(centre)):
+        exact = limit.slack - float(at[limit.name][0])
+        lack[limit.name] = min(lack[limit.name], exact if math.isfinite(exact) else 0.0)
+    return {name: slack + lack[name] for name, slack in slacks.items()}
 
-    Unstable loops are not run; nothing of theirs but the spectral radius is told.
+
+def scored(
+    problem: TuningProblem,
+    points: Array,
+    score: Score,
+    pairs: Sequence[Pair],
+    *,
+    clamped: bool,
+    centre: Array | None = None,
+) -> tuple[Array, dict[str, Array], int]:
+    """Return scores and slacks of n points, the rows of `points`, and how many loops were run.
+
+    Loops that are unstable, or whose score the linear limits alone decide, are not run.
     """
-    poles = [problem.poles(x) for x in points]
-    slacks = coarse_slacks(problem, poles)
-    objective = np.full(len(points), np.inf)
-    stable = np.flatnonzero(slacks["spectral radius"] > 0)
-    trials = [(poles[n], *pair) for n in stable for pair in pairs]
-    for (n, _), run in zip(
-        itertools.product(stable, pairs), runs(problem, trials, clamped=clamped), strict=True
-    ):
-        objective[n] = run.value if math.isinf(objective[n]) else max(objective[n], run.value)
+    slacks = linear_slacks(problem, points, centre)
+    stable = slacks["spectral radius"] > 0
+    objective = np.zeros(len(points))
+    which = np.flatnonzero(stable & (score(objective, slacks) < NONE))
+    trials = [(problem.poles(points[n]), *pair) for n in which for pair in pairs]
+    found = runs(problem, trials, clamped=clamped)
+    for (n, _), run in zip(itertools.product(which, pairs), found, strict=True):
+        objective[n] = max(objective[n], run.value)
         for limit in run.constraints:
             row = slacks.setdefault(limit.name, np.full(len(points), np.inf))
             row[n] = min(row[n], limit.slack)
-    return objective, slacks
+    return np.where(stable, score(objective, slacks), NONE), slacks, len(trials)
 
 
 def wide_points(problem: TuningProblem) -> Array:
@@ -94,20 +119,25 @@ def wide_points(problem: TuningProblem) -> Array:
 
 
 def best_points(
-    problem: TuningProblem, score: Score, pairs: Sequence[Pair], clamped: bool
+    problem: TuningProblem, score: Score, pairs: Sequence[Pair], *, clamped: bool
 ) -> tuple[list[Array], int]:
     """Return the points of the wide grid with the smallest scores, apart; and the loops run."""
     points = wide_points(problem)
-    scores = _scores(problem, points, score, pairs, clamped, np.zeros(0))
-    cell = np.ptp(problem.box()[:2], axis=1) / (WIDE - 1)
+    scores, _, count = scored(problem, points, score, pairs, clamped=clamped)
+    cell = _cell(problem)
     kept: list[Array] = []
     for n in np.argsort(scores, kind="stable"):
-        apart = all(np.abs((points[n] - x)[:2] / cell).max() > 1.5 for x in kept)
+        apart = all(np.abs((points[n] - x)[:2] / cell).max() > APART for x in kept)
         if scores[n] < NONE and apart:
             kept.append(points[n])
         if len(kept) == CENTRES:
             break
-    return kept, len(points) * len(pairs)
+    return kept, count
+
+
+def _cell(problem: TuningProblem) -> Array:
+    """Return the steps of the wide grid in log zeta and log omega_n."""
+    return np.asarray(np.ptp(problem.box()[:2], axis=1) / (WIDE - 1))
 
 
 def zoomed(
@@ -119,39 +149,53 @@ def zoomed(
     clamped: bool,
     told: Callable[[], None],
     width: float | None = None,
-) -> tuple[Array, int]:
-    """Return the best point of ever finer grids around `start`, and how many loops were run."""
+    finest: float = FINEST,
+) -> tuple[Array, float, int]:
+    """Return the best point of ever finer grids around `start`, its score, and the loops run."""
     box = problem.box()
-    best, count = start, 0
-    width = width or float((np.ptp(box[:2], axis=1) / (WIDE - 1)).max())
+    best, value, count = start, NONE, 0
+    width = width or float(_cell(problem).max())
     axis = np.linspace(-1, 1, NARROW)
     plane = np.array(list(itertools.product(axis, axis)))
-    while width > FINEST:
+    while width > finest:
         told()
         for first in range(0, len(start), 2):  # one pole pair after the other
             points = np.repeat(best[None, :], len(plane), axis=0)
             points[:, first : first + 2] += width * plane
             points = np.clip(np.vstack([best, points]), box[:, 0], box[:, 1])
-            scores = _scores(problem, points, score, pairs, clamped, best)
-            best = points[int(np.argmin(scores))]
-            count += len(points) * len(pairs)
+            scores, _, ran = scored(problem, points, score, pairs, clamped=clamped, centre=best)
+            best, value = points[int(np.argmin(scores))], float(scores.min())
+            count += ran
         width /= 2
-    return best, count
+    return best, value, count
 
 
-def _scores(
+def lowest(
     problem: TuningProblem,
-    points: Array,
     score: Score,
     pairs: Sequence[Pair],
+    *,
     clamped: bool,
-    centre: Array,
-) -> Array:
-    """Return the scores; the coarse limits are shifted to be exact at `centre`, if there is one."""
-    objective, slacks = evaluated(problem, points, pairs, clamped)
-    if centre.size and slacks["spectral radius"][0] > 0:
-        for limit in reversed(linear_constraints(problem, problem.poles(centre))):
-            exact = limit.slack - slacks[limit.name][0]
-            if math.isfinite(exact) and exact < 0:
-                slacks[limit.name] = slacks[limit.name] + exact
-    return np.where(slacks["spectral radius"] > 0, score(objective, slacks), NONE)
+    told: Callable[[], None],
+) -> tuple[Array | None, int]:
+    """Return the best point of the whole box, None where none counts, and the loops run.
+
+    Around each of the best points of the wide grid finer ones are laid; the best few valleys are
+    followed to the end.
+    """
+    starts, count = best_points(problem, score, pairs, clamped=clamped)
+    valleys = []
+    for start in starts:
+        point, value, ran = zoomed(
+            problem, start, score, pairs, clamped=clamped, told=told, finest=LOCAL
+        )
+        valleys.append((value, point))
+        count += ran
+    ends = []
+    for _, valley in sorted(valleys, key=lambda item: item[0])[:FEW]:
+        point, value, ran = zoomed(
+            problem, valley, score, pairs, clamped=clamped, told=told, width=LOCAL
+        )
+        ends.append((value, point))
+        count += ran
+    return (min(ends, key=lambda item: item[0])[1] if ends else None), count

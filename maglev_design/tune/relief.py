@@ -51,12 +51,7 @@ def closest(problem: TuningProblem, told: Callable[[], None]) -> Array | None:
 
 
 def _least(problem: TuningProblem, score: dense.Score, told: Callable[[], None]) -> Array | None:
-    pairs = _pairs(problem)
-    starts, _ = dense.best_points(problem, score, pairs, clamped=True)
-    if not starts:
-        return None
-    point, _ = dense.zoomed(problem, starts[0], score, pairs, clamped=True, told=told)
-    return point
+    return dense.lowest(problem, score, _pairs(problem), clamped=True, told=told)[0]
 
 
 def relief(problem: TuningProblem) -> Relief | None:
@@ -68,13 +63,19 @@ def relief(problem: TuningProblem) -> Relief | None:
     for group in [*([kind] for kind in kinds), kinds]:
         names = [name for kind in group for name in OPTIONS[kind]]
         point = _least(problem, dense.least_breach_of(names), lambda: None)
-        if point is not None:
-            return _relief(problem, point, names)
+        if point is None:
+            continue
+        found = _relief(problem, point, names)
+        if found.options:
+            return found
+        if problem.certifies is not None:  # every other limit can be kept
+            return Relief({"certifies": None}, "leaving --certify out would do")
     return None
 
 
 def _relief(problem: TuningProblem, point: Array, names: Sequence[str]) -> Relief:
-    _, slacks = dense.evaluated(problem, point[None, :], _pairs(problem), clamped=True)
+    score, pairs = dense.least_breach_of(names), _pairs(problem)
+    _, slacks, _ = dense.scored(problem, point[None, :], score, pairs, clamped=True, centre=point)
     broken = [name for name in names if name in slacks and slacks[name][0] < 0]
     options: dict[str, Any] = {}
     hints = []

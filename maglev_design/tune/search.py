@@ -356,36 +356,42 @@ def pattern_search(search: Search, best: Candidate, steps: tuple[float, float]) 
     return best
 
 
-def polish(search: Search, best: Candidate, starts: Sequence[Array] = ()) -> Candidate:
-    """Return the best point of ever finer grids around `best` and other starts."""
-    for start in (best.x, *starts):
-        near = start is best.x
-        point, count = dense.zoomed(
-            search.problem,
-            start,
-            dense.least_objective,
-            search.pairs,
-            clamped=search.clamped,
-            told=search.tell,
-            width=dense.LOCAL if near else None,
-        )
-        search.evaluations += count
-        found = search.candidate(point)
-        if found.feasible and found.value < best.value:
-            best = found
-    return best
+def polish(search: Search, best: Candidate) -> Candidate:
+    """Return the best point of ever finer grids around `best`."""
+    point, _, count = dense.zoomed(
+        search.problem,
+        best.x,
+        dense.least_objective,
+        search.pairs,
+        clamped=search.clamped,
+        told=search.tell,
+        width=dense.LOCAL,
+    )
+    search.evaluations += count
+    return _better(search, best, point)
 
 
 def _polished_everywhere(search: Search, best: Candidate) -> Candidate:
-    """Return the best point around `best` and around the best ones of a grid over the whole box.
+    """Return the best point around `best` and of the whole box, by grids.
 
     For where the voltage may saturate: the objective has many small valleys.
     """
-    starts, count = dense.best_points(
-        search.problem, dense.least_objective, search.pairs, search.clamped
+    point, count = dense.lowest(
+        search.problem,
+        dense.least_objective,
+        search.pairs,
+        clamped=search.clamped,
+        told=search.tell,
     )
     search.evaluations += count
-    return polish(search, best, starts)
+    return _better(search, polish(search, best), point)
+
+
+def _better(search: Search, best: Candidate, point: Array | None) -> Candidate:
+    if point is None:
+        return best
+    found = search.candidate(point)
+    return found if found.feasible and found.value < best.value else best
 
 
 def worst_ratio(search: Search, x: Array, case: Case) -> tuple[float, Run]:
