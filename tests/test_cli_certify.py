@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from records import document_of
 from rigs import changed
 from scipy.linalg import expm
 from typer.testing import CliRunner
@@ -15,12 +16,10 @@ from maglev_design.choices import EQUILIBRIA, SCHEMA_VERSION
 from maglev_design.cli import app, certify_tables, certify_verb
 from maglev_design.cli.certify_verb import Request
 from maglev_design.design import Design, PoleSpec, make_design
-from maglev_design.design_data import design_as_data
 from maglev_design.errors import InputError
 from maglev_design.parameters import Rig, load_rig
 from maglev_design.plain import finite
-from maglev_design.record import RECORD_VERSION, document_bytes, rig_as_data
-from maglev_design.tune.document import difference_equation
+from maglev_design.record import document_bytes
 
 POLES = PoleSpec.double(1, 70)
 DESIGN = make_design(load_rig("belmonte2021"), POLES)
@@ -50,17 +49,8 @@ def rig_file(folder: Path, changes: dict[str, Any]) -> Path:
 
 def design_file(folder: Path, rig: Rig, design: Design, beta_error: float = 0.15) -> Path:
     """Write what is read back of a saved design."""
-    document = {
-        "schema_version": SCHEMA_VERSION,
-        "record_version": RECORD_VERSION,
-        "kind": "maglev-design",
-        "rig": rig_as_data(rig),
-        "design": design_as_data(design),
-        "family": {"ratios": [1 - beta_error, 1 + beta_error]},
-        "gains": design.named_gains,
-        "difference_equation": difference_equation(design),
-        "controller_sha256": design.sha256,
-    }
+    family = {"ratios": [1 - beta_error, 1 + beta_error]}
+    document = document_of(rig, design, family=family)
     path = folder / "design.json"
     path.write_bytes(document_bytes(finite(document)))
     return path

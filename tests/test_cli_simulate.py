@@ -9,17 +9,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from records import document_of
 from rigs import OFFSET, SHORT, changed, rig_with
 from typer.testing import CliRunner
 
-from maglev_design.choices import SCHEMA_VERSION, Equilibrium
+from maglev_design.choices import Equilibrium
 from maglev_design.cli import app
 from maglev_design.cli.simulate_setup import Request, Run, set_up
 from maglev_design.design import Design, PoleSpec, make_design, plant_beta
-from maglev_design.design_data import design_as_data
 from maglev_design.errors import InputError
 from maglev_design.parameters import Rig
-from maglev_design.record import KIND, document_bytes, rig_as_data
+from maglev_design.record import document_bytes
 from maglev_design.simulate import loop_for, simulate
 
 EMULATED = {"emulator.period": 0.002, "emulator.sensor_step": 1e-6, "emulator.delay": 0.0005}
@@ -41,14 +41,8 @@ def asked(**options: Any) -> Request:
 
 def saved(folder: Path, rig: Rig, equilibrium: Equilibrium = "model") -> tuple[Path, Design]:
     design = make_design(rig, PoleSpec((0.9, 60.0), (1.1, 65.0)), equilibrium=equilibrium)
-    document = {
-        "schema_version": SCHEMA_VERSION,
-        "kind": KIND,
-        "rig": rig_as_data(rig),
-        "design": design_as_data(design),
-    }
     path = folder / "design.json"
-    path.write_bytes(document_bytes(document))
+    path.write_bytes(document_bytes(finite(document_of(rig, design))))
     return path, design
 
 
