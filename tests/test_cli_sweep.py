@@ -25,6 +25,7 @@ from maglev_design.cli import app, sweep_verb
 from maglev_design.cli.replay import replayed
 from maglev_design.cli.sweep_verb import Request
 from maglev_design.design import PoleSpec, make_design
+from maglev_design.design_data import design_as_data
 from maglev_design.errors import InputError
 from maglev_design.parameters import Rig, load_rig
 from maglev_design.plain import finite
@@ -135,7 +136,7 @@ def save_design(folder: Path, rig: Rig, zeta: float, omega_n: float) -> Path:
         "difference_equation": difference_equation(design),
         "controller_sha256": design.sha256,
         "rig": record.rig_as_data(rig),
-        "design": record.design_as_data(design),
+        "design": design_as_data(design),
     }
     record.save(record.DesignRecord(rig, design, finite(document), {}), folder)
     return folder / "design.json"
