@@ -16,9 +16,10 @@ from maglev_design.choices import SCHEMA_VERSION, Equilibrium
 from maglev_design.cli import app
 from maglev_design.cli.simulate_setup import Request, Run, set_up
 from maglev_design.design import Design, PoleSpec, make_design, plant_beta
+from maglev_design.design_data import design_as_data
 from maglev_design.errors import InputError
 from maglev_design.parameters import Rig
-from maglev_design.record import KIND, design_as_data, document_bytes, rig_as_data
+from maglev_design.record import KIND, document_bytes, rig_as_data
 from maglev_design.simulate import loop_for, simulate
 
 EMULATED = {"emulator.period": 0.002, "emulator.sensor_step": 1e-6, "emulator.delay": 0.0005}
