@@ -212,6 +212,17 @@ def test_a_pid_is_compared_with_the_placement_of_the_other_law() -> None:
     assert same.baseline is None  # nothing to learn from a controller beside itself
 
 
+def test_a_pid_and_the_placement_beside_it_run_on_the_emulated_rig() -> None:
+    changes = {"emulator.sensor_step": 1e-5, "emulator.delay": 0.0005}
+    rig, poles = rig_with(SHORT, changes), PoleSpec.double(1, 70)
+    row = judged(build_problem(rig, controller=PID), poles, poles).emulated
+    alone = judged(build_problem(rig), poles).emulated
+    assert row is not None
+    assert alone is not None
+    assert row.baseline == alone.tuned
+    assert row.tuned != alone.tuned
+
+
 # --- the verb ------------------------------------------------------------------------------
 
 
@@ -252,6 +263,7 @@ def test_somebodys_pid_is_judged_saved_and_exported(rig_file: str, tmp_path: Pat
     assert document["certificate"]["certified"] is False
     assert "not made for this law" in document["certificate"]["status"]
     assert document["margins"]["delay_s"]["value"] > 0
+    assert document["with_noise"]["seeds"] > 0
     saved = record.load(folder)
     believed = saved.design.believed
     assert saved.design.gains[0] == pytest.approx(9102 * believed.C_U, rel=1e-14)
@@ -289,7 +301,7 @@ def test_a_desired_polynomial_that_is_unstable_is_no_crash(rig_file: str, tmp_pa
     out, told = call(*words, "-o", str(tmp_path / "x"), "--json", code=3)
     assert "Kp = 50" in told
     document = json.loads(out)
-    assert (document["status"], document["tightest"]) == ("infeasible", "Routh-Hurwitz")
+    assert (document["status"], document["tightest"]["name"]) == ("infeasible", "Routh-Hurwitz")
     assert not (tmp_path / "x").exists()
 
 

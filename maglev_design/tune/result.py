@@ -470,7 +470,7 @@ def _judged(
         status = Status.ON_BOUND if on_bound else Status.OPTIMAL
     return TuneResult(
         warnings=cautions(problem),
-        with_noise=_with_noise(problem, poles, figures),
+        with_noise=with_noise(problem, poles, figures),
         relief=relief(problem) if status is Status.INFEASIBLE else None,
         status=status,
         problem=problem,
@@ -492,7 +492,8 @@ def judged_baseline(problem: TuningProblem, poles: PoleSpec) -> Baseline:
     return Baseline(problem, poles, figures, verify(problem, poles, figures))
 
 
-def _with_noise(problem: TuningProblem, poles: PoleSpec, figures: Figures) -> WithNoise | None:
+def with_noise(problem: TuningProblem, poles: PoleSpec, figures: Figures) -> WithNoise | None:
+    """Return the worst case with the rig's noise; None where it has none."""
     noise = problem.rig.noise
     if noise.input == noise.position == 0:
         return None
