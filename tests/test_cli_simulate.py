@@ -19,6 +19,7 @@ from maglev_design.cli.simulate_setup import Request, Run, set_up
 from maglev_design.design import Design, PoleSpec, make_design, plant_beta
 from maglev_design.errors import InputError
 from maglev_design.parameters import Rig
+from maglev_design.plain import finite
 from maglev_design.record import document_bytes
 from maglev_design.simulate import loop_for, simulate
 
