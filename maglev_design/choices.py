@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from maglev_design.errors import check_numbers, check_word
+
 Method = Literal["tustin", "euler", "zoh"]
 Equilibrium = Literal["model", "appendix-a", "measured"]
 Objective = Literal["itae", "iae", "ise"]
@@ -14,11 +16,13 @@ Feedforward = Literal["none", "static"]
 Derivative = Literal["error", "measurement"]
 Start = Literal["kick", "bumpless"]
 Backend = Literal["auto", "compiled", "interpreted"]
+TestName = Literal["nominal", "noise", "mismatch"]
 Target = Literal["python", "c", "matlab"]
 
 METHODS: tuple[Method, ...] = get_args(Method)
 EQUILIBRIA: tuple[Equilibrium, ...] = get_args(Equilibrium)
 CONTROLLERS: tuple[ControllerName, ...] = get_args(ControllerName)
+BACKENDS: tuple[Backend, ...] = get_args(Backend)
 DEFAULT_PRESET = "belmonte2021"
 DEFAULT_MAX_MS = 2.0
 """Usual upper end of what textbooks allow for the peak of |S|."""
@@ -51,6 +55,13 @@ class Controller:
     derivative: Derivative = "error"
     filter: float = 10.0
     start: Start = "kick"
+
+    def __post_init__(self) -> None:
+        check_word("controller", self.name, CONTROLLERS)
+        check_word("feedforward", self.feedforward, get_args(Feedforward))
+        check_word("derivative", self.derivative, get_args(Derivative))
+        check_word("start", self.start, get_args(Start))
+        check_numbers(positive=True, filter=self.filter)
 
     @property
     def variant(self) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design.choices import EQUILIBRIA, METHODS, TAN_GPI, Controller, Equilibrium, Method
-from maglev_design.errors import InputError, nearest
+from maglev_design.errors import InputError, check_numbers, check_word
 from maglev_design.files import digest
 from maglev_design.lowering import Program
 from maglev_design.parameters import Rig
@@ -145,6 +145,7 @@ class Design:
 
     def beta_at(self, ratio: float) -> float:
         """Return the plant's beta [m^3/(s^2 V^2)] at a ratio beta_c/beta."""
+        check_numbers(positive=True, ratio=ratio)
         return self.believed.beta / ratio
 
 
@@ -315,11 +316,8 @@ def believed_equilibrium(
         Where the reading needs a measured voltage and there is none.
     """
     point, plant = rig.operating_point, rig.plant
-    if equilibrium not in EQUILIBRIA:
-        raise InputError(
-            f"equilibrium = {equilibrium!r}: unknown{nearest(equilibrium, EQUILIBRIA)}; known: "
-            f"{', '.join(EQUILIBRIA)}"
-        )
+    check_word("equilibrium", equilibrium, EQUILIBRIA)
+    check_numbers(positive=True, beta_c=beta_c, voltage=voltage)
     held = point.voltage if voltage is None else voltage
     if equilibrium != "model" and held is None:
         model = believed_equilibrium(rig, "model", beta_c=beta_c)
@@ -386,14 +384,12 @@ def make_design(
     (24010000.0, 1372000.0, 29400.0, 280.0)
     """
     method = method or rig.sampling.method
-    if method not in METHODS:
-        raise InputError(
-            f"method = {method!r}: unknown{nearest(method, METHODS)}; known: {', '.join(METHODS)}"
-        )
+    check_word("method", method, METHODS)
     believed = believed_equilibrium(rig, equilibrium, beta_c=beta_c, voltage=voltage)
     program = gains_program(controller)
     placed = program.scalar()(*poles.values) if gains is None else map(float, gains)
     named = dict(zip(program.outputs, placed, strict=True))
+    check_numbers(positive=False, **named)
     return Design(
         poles,
         equilibrium,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Iterable
 
 
@@ -44,6 +45,27 @@ class VerificationError(MaglevError):
     """Two computations that must agree do not: something is broken, here or on this machine."""
 
     exit_code = 4
+
+
+def check_word(name: str, word: str, known: Iterable[str]) -> None:
+    """Raise `InputError` when `word`, the value of `name`, is none of the known ones."""
+    choices = tuple(known)
+    if word not in choices:
+        near = nearest(str(word), choices)
+        raise InputError(f"{name} = {word!r}: unknown{near}; known: {', '.join(choices)}")
+
+
+def check_numbers(positive: bool = False, **numbers: float | None) -> None:
+    """Raise `InputError` for the first of the named numbers that is not finite; None is none.
+
+    Examples
+    --------
+    >>> check_numbers(positive=True, beta_c=0.0013, voltage=None)
+    """
+    for name, value in numbers.items():
+        if value is not None and not (math.isfinite(value) and (value > 0 or not positive)):
+            allowed = "a finite number greater than 0" if positive else "a finite number"
+            raise InputError(f"{name} = {value!r}: must be {allowed}")
 
 
 def nearest(word: str, known: Iterable[str]) -> str:

@@ -13,12 +13,13 @@ import pytest
 from recorded import recorded
 from rigs import SHORT, rig_with
 
-from maglev_design.design import PoleSpec, plant_beta
+from maglev_design.choices import Equilibrium
+from maglev_design.design import PoleSpec
 from maglev_design.record import DesignRecord
 from maglev_design.simulate import nominal_scenario, resimulate
 from maglev_design.tune import Status, TuneResult, build_problem
+from maglev_design.tune.figures import Verification, judge
 from maglev_design.tune.problem import design_at
-from maglev_design.tune.result import Baseline, Verification, judge
 
 HOSTILE = "rig */ ??/ \"q\" 's' \\\n% #{U+} {{ x }} {% y %} \u2028 \u00e9 \U0001f9f2"
 WARNINGS = [
@@ -33,21 +34,23 @@ WARNINGS = [
 EXACT = ["-O2", "-ffp-contract=off"]
 
 
-def judged(poles: PoleSpec, changes: dict[str, Any] | None = None) -> DesignRecord:
+def judged(
+    poles: PoleSpec, changes: dict[str, Any] | None = None, equilibrium: Equilibrium = "model"
+) -> DesignRecord:
     """Return the record that a tuning with this answer writes, without the search for it."""
     rig = rig_with(SHORT, {"name": HOSTILE, "uncertainty.beta": 0.1, **(changes or {})})
-    problem = build_problem(rig)
+    problem = build_problem(rig, equilibrium=equilibrium)
     figures = judge(problem, poles)
-    check = resimulate(rig, design_at(problem, poles), nominal_scenario(rig, plant_beta(rig)))
-    verification = Verification(figures.nominal.itae, check.itae)
+    design = design_at(problem, poles)
+    check = resimulate(rig, design, nominal_scenario(rig, design.believed.beta))
     result = TuneResult(
         status=Status.OPTIMAL,
         problem=problem,
         poles=poles,
-        design=design_at(problem, poles),
+        design=design,
         figures=figures,
-        verification=verification,
-        baseline=Baseline(problem, poles, figures, verification),
+        verification=Verification(figures.nominal.itae, check.itae),
+        baseline=None,
         alternatives=(),
         landscape=None,
         evaluations=0,

@@ -8,11 +8,13 @@ from typing import Any
 from recorded import recorded
 from rigs import SHORT, rig_with
 
-from maglev_design.choices import Equilibrium, Method
-from maglev_design.design import PoleSpec, make_design
+from maglev_design.choices import SCHEMA_VERSION, Equilibrium, Method
+from maglev_design.design import Design, PoleSpec, make_design
+from maglev_design.design_data import design_as_data
 from maglev_design.parameters import Rig
-from maglev_design.record import DesignRecord, rig_as_data
+from maglev_design.record import KIND, RECORD_VERSION, DesignRecord, rig_as_data
 from maglev_design.tune import TuneResult, build_problem, solve, trade_off
+from maglev_design.tune.document import difference_equation
 
 HOSTILE = (
     "</script><b>\\input{x} \"q\" 's' `t` $\\frac{ %d {0} \n {{ x }} <<< y >>> <% z %> | & ~ ^ # _ "
@@ -53,3 +55,18 @@ def chosen(
     }
     design = make_design(rig, poles, method=method, equilibrium=equilibrium)
     return DesignRecord(rig, design, document, {})
+
+
+def document_of(rig: Rig, design: Design, **more: Any) -> dict[str, Any]:
+    """Return as much of a record as is read back before anything is done with it."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "record_version": RECORD_VERSION,
+        "kind": KIND,
+        "rig": rig_as_data(rig),
+        "design": design_as_data(design),
+        "gains": design.named_gains,
+        "difference_equation": difference_equation(design),
+        "controller_sha256": design.sha256,
+        **more,
+    }

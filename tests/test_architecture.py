@@ -15,7 +15,7 @@ import maglev_design
 ROOT = Path(maglev_design.__file__).parent
 
 FLOORS = {
-    "errors": -1,
+    "errors": -2,
     "choices": -1,
     "files": 0,
     "interrupt": 0,

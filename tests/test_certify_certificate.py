@@ -12,8 +12,9 @@ from typing import Any
 
 import pytest
 
-from maglev_design.certify.lyapunov.certificate import LONGEST_NUMBER, check, document, write
+from maglev_design.certify.lyapunov.certificate import check, document, write
 from maglev_design.certify.lyapunov.enclosure import enclose
+from maglev_design.certify.lyapunov.fields import LONGEST_NUMBER
 from maglev_design.certify.lyapunov.lmi import LmiCertificate, certify_family
 from maglev_design.design import PoleSpec, make_design
 from maglev_design.errors import InputError
@@ -21,13 +22,13 @@ from maglev_design.files import digest
 from maglev_design.parameters import load_rig
 
 PAPER = load_rig("belmonte2021")
+DESIGN = make_design(PAPER, PoleSpec.double(1.1371, 107.346))
 Change = Callable[[dict[str, Any]], None]
 
 
 @pytest.fixture(scope="module")
 def certificates() -> tuple[LmiCertificate, ...]:
-    design = make_design(PAPER, PoleSpec.double(1.1371, 107.346))
-    return certify_family(design, PAPER, bisect=False)
+    return certify_family(DESIGN, PAPER, bisect=False)
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +42,11 @@ def saved(path: Path, data: Any, *, sealed: bool = True) -> Path:
         data["sha256"] = digest(data)
     path.write_text(json.dumps(data), encoding="utf-8")
     return path
+
+
+def renamed(data: dict[str, Any]) -> dict[str, Any]:
+    """Give a document the name of the controller that it now holds."""
+    return data | {"controller_sha256": digest(data["controller"])}
 
 
 def changed(written: dict[str, Any], change: Change) -> dict[str, Any]:
@@ -62,8 +68,38 @@ def test_what_was_written_is_verified(
     write(tmp_path / "certificate.json", certificates)
     result = check(tmp_path / "certificate.json")
     assert result.passed
-    assert len(result.checks) == 1 + 4 * 2
+    assert len(result.checks) == 2 + 4 * 2
     assert result.as_dict()["passed"] is True
+    for word in (DESIGN.sha256, "k0 = ", "tustin at 1 ms", "Belmonte"):
+        assert word in result.controller
+    continuous, sampled = result.claims
+    for word in ("12 mm to 24.6 mm", "0.85 to 1.15", "may move", "y0 = 0 mm taken as known"):
+        assert word in continuous
+        assert word in sampled
+    assert "continuous law" in continuous
+    assert "difference equation" in sampled
+
+
+def test_the_certificate_of_one_design_is_not_that_of_another(
+    tmp_path: Path, written: dict[str, Any]
+) -> None:
+    path = saved(tmp_path / "certificate.json", written)
+    assert check(path, (DESIGN, PAPER)).passed
+    other = make_design(PAPER, PoleSpec.double(1, 70))
+    (bad,) = (c for c in check(path, (other, PAPER)).checks if not c.passed)
+    assert bad.name == "controller"
+    assert DESIGN.sha256 in bad.detail
+    assert other.sha256 in bad.detail
+    heavier = PAPER.model_copy(update={"plant": PAPER.plant.model_copy(update={"gravity": 9.8})})
+    (bad,) = (c for c in check(path, (DESIGN, heavier)).checks if not c.passed)
+    assert (bad.name, bad.detail) == ("rig", "differs in gravity")
+
+
+def test_coefficients_of_other_gains_are_not_believed(
+    tmp_path: Path, written: dict[str, Any]
+) -> None:
+    data = changed(written, lambda d: d["controller"]["gains"].__setitem__("k1", 1e6))
+    assert failed(saved(tmp_path / "certificate.json", renamed(data)))[0] == "equation"
 
 
 def test_the_same_certificates_give_the_same_bytes(
@@ -101,6 +137,26 @@ def _entry(number: int, *keys: Any, value: Callable[[Any], Any]) -> Change:
 
 def plus(step: str) -> Callable[[str], str]:
     return lambda text: str(Fraction(text) + Fraction(step))
+
+
+def plus_double(name: str) -> Change:
+    def change(data: dict[str, Any]) -> None:
+        data["controller"]["coefficients"][name] *= 1 + 1e-9
+
+    return change
+
+
+def number(*keys: Any, value: Any) -> Change:
+    """Change a number of the controller, and with it its name."""
+
+    def change(data: dict[str, Any]) -> None:
+        place: Any = data["controller"]
+        for key in keys[:-1]:
+            place = place[key]
+        place[keys[-1]] = value
+        data["controller_sha256"] = digest(data["controller"])
+
+    return change
 
 
 def negative(text: str) -> str:
@@ -156,11 +212,13 @@ def test_the_gains_and_the_rig_are_part_of_the_claim(
 ) -> None:
     for table, name, wrong in (
         ("rig", "gravity", "10"),
-        ("rig", "gap", "1/50"),
-        ("controller", "period", "1/500"),
-        ("controller", "delay", "1/100000"),
-        ("controller", "method", "euler"),
-        ("controller", "equilibrium", "appendix-a"),
+        ("rig", "beta", "1/700"),
+        ("rig", "gap_offset", "1/1000"),
+        ("rig", "delay", "1/100000"),
+        ("controller", "Y", 0.02),
+        ("controller", "period", 0.002),
+        ("controller", "C_U", 9.0),
+        ("controller", "C_Y", 700.0),
     ):
         data = copy.deepcopy(written)
         data[table][name] = wrong
@@ -168,14 +226,19 @@ def test_the_gains_and_the_rig_are_part_of_the_claim(
         if name == "delay":  # one more state than P has rows
             with pytest.raises(InputError, match="scaling"):
                 check(saved(path, data))
-        else:
-            assert "vertices" in failed(saved(path, data)), name
-    data = changed(written, lambda d: d["controller"]["gains"].__setitem__(0, "1000"))
-    assert "vertices" in failed(saved(tmp_path / "certificate.json", data))
+            continue
+        if table == "controller":
+            with pytest.raises(InputError, match="contradicts the numbers"):
+                check(saved(path, data))
+        assert "vertices" in failed(saved(path, renamed(data))), name
+    for name in ("d", "c1", "c2", "b1", "b2", "a22"):
+        double = plus_double(name)
+        data = renamed(changed(written, double))
+        assert {"equation", "vertices"} <= set(failed(saved(tmp_path / "certificate.json", data)))
 
 
 def test_an_edited_document_without_its_seal_fails(tmp_path: Path, written: dict[str, Any]) -> None:
-    data = changed(written, lambda d: d.__setitem__("note", "mine"))
+    data = changed(written, lambda d: d["rig"].__setitem__("name", "mine"))
     assert failed(saved(tmp_path / "certificate.json", data, sealed=False)) == ["sha256"]
 
 
@@ -189,25 +252,49 @@ def test_minus_P_is_refused_twice(tmp_path: Path, written: dict[str, Any]) -> No
     [
         (lambda d: d.__setitem__("kind", "something else"), "kind"),
         (lambda d: d.__setitem__("schema_version", 2), "schema_version"),
-        (lambda d: d.pop("certificates"), "certificates: must be a list"),
+        (lambda d: d.pop("certificate_version"), "anew: maglev-design certify design.json"),
+        (lambda d: d.__setitem__("note", "mine"), "note: unknown key"),
+        (lambda d: d["rig"].__setitem__("gravty", "1"), "did you mean 'gravity'"),
+        (lambda d: d["controller"].__setitem__("C_X", 1.0), "controller.C_X: unknown key"),
+        (lambda d: d.__setitem__("controller_sha256", "0" * 64), "contradicts the numbers"),
+        (lambda d: d.pop("certificates"), "certificates: missing"),
+        (lambda d: d.__setitem__("certificates", {}), "certificates: must be a list"),
         (lambda d: d.__setitem__("certificates", []), "must be 1 to"),
-        (lambda d: d.__setitem__("certificates", [7]), "family: must be a table"),
-        (lambda d: d.pop("rig"), "rig: must be a table"),
-        (lambda d: d["rig"].pop("mass"), "rig.mass = 'None'"),
-        (lambda d: d["rig"].__setitem__("mass", 0.02), "must be a rational in a string"),
-        (lambda d: d["rig"].__setitem__("mass", "0"), "rig must be positive"),
-        (lambda d: d["rig"].__setitem__("mass", "1e999999999"), "must be a rational"),
-        (lambda d: d["rig"].__setitem__("mass", "__import__('os')"), "must be a rational"),
-        (lambda d: d["rig"].__setitem__("mass", "1/0"), "divides by zero"),
-        (lambda d: d["rig"].__setitem__("mass", "\u0661"), "must be a rational"),
-        (lambda d: d["rig"].__setitem__("mass", "9" * 100), "larger or smaller"),
-        (lambda d: d["rig"].__setitem__("mass", "9" * (LONGEST_NUMBER + 1)), "must be a rational"),
-        (lambda d: d["controller"].__setitem__("gains", ["1"] * 3), "list of 4"),
-        (lambda d: d["controller"].__setitem__("gains", ["-1"] * 4), "four positive numbers"),
-        (lambda d: d["controller"].__setitem__("method", "magic"), "must be one of tustin"),
-        (lambda d: d["controller"].__setitem__("period", "0"), "greater than 0"),
-        (lambda d: d["controller"].__setitem__("period", "1000"), "faster"),
-        (lambda d: d["controller"].__setitem__("delay", "99999999"), "12 periods"),
+        (lambda d: d.__setitem__("certificates", [7]), r"certificates\[0\]: must be a table"),
+        (_entry(0, "family", value=lambda _: 7), "family: must be a table"),
+        (_entry(0, "family", "voltage_held", value=lambda _: 1), "must be true or false"),
+        (lambda d: d.pop("rig"), "rig: missing"),
+        (lambda d: d["rig"].pop("beta"), "rig.beta: missing"),
+        (lambda d: d["rig"].__setitem__("beta", 0.02), "must be a rational in a string"),
+        (lambda d: d["rig"].__setitem__("beta", "0"), r"rig.beta = 0 \[m\^3.*greater than 0"),
+        (lambda d: d["rig"].__setitem__("gravity", "-1"), r"gravity = -1 \[m/s\^2\].*greater"),
+        (lambda d: d["rig"].__setitem__("delay", "-1"), r"delay = -1 \[s\]: must be 0 or more"),
+        (lambda d: d["rig"].__setitem__("gap_offset", "-1"), r"Y \+ y0 must be above 0"),
+        (lambda d: d["rig"].__setitem__("name", 7), "rig.name"),
+        (lambda d: d["rig"].__setitem__("beta", "1e999999999"), "must be a rational"),
+        (lambda d: d["rig"].__setitem__("beta", "__import__('os')"), "must be a rational"),
+        (lambda d: d["rig"].__setitem__("beta", "1/0"), "divides by zero"),
+        (lambda d: d["rig"].__setitem__("beta", "\u0661"), "must be a rational"),
+        (lambda d: d["rig"].__setitem__("beta", "9" * 100), "larger or smaller"),
+        (lambda d: d["rig"].__setitem__("beta", "9" * (LONGEST_NUMBER + 1)), "must be a rational"),
+        *(
+            (number(name, value=wrong), rf"controller.{name} = {float(wrong)} \[.*greater than 0")
+            for name in ("U", "C_U", "C_Y", "Y", "period")
+            for wrong in (0, -1.5)
+        ),
+        (number("U", value="2"), "controller.U = '2'.*must be a number"),
+        (number("U", value=True), "must be a number"),
+        (number("U", value=1e300), "larger or smaller"),
+        (number("gains", value=[1, 2, 3, 4]), "gains: must be a table"),
+        (number("gains", "k2", value=0), "gains.k2 = 0"),
+        (number("coefficients", "a22", value=None), "a22 = 'None'"),
+        (number("method", value="magic"), "must be one of tustin"),
+        (number("law", "name", value="lin-pid"), "controller.law"),
+        (number("voltage_limits", 0, value=-1), "voltage_limits"),
+        (number("voltage_limits", 1, value=0), "must be greater than"),
+        (number("reference", 2, value=-1), "reference"),
+        (number("period", value=1000.0), "faster"),
+        (lambda d: d["rig"].__setitem__("delay", "99999999"), "12 periods"),
         (_entry(0, "loop", value=lambda _: "open"), "must be one of continuous, sampled"),
         (_entry(0, "P", value=lambda P: P[:-1]), "P: must be a list of 4 rows"),
         (_entry(0, "P", 0, value=lambda row: row[:-1]), r"P\[0\]: must be a list of 4"),
@@ -237,8 +324,9 @@ def test_garbled_input_is_named(
         '{"kind": "maglev-design"}',
         "[" * 100_000,
         '{"kind": "maglev-design-certificate", "schema_version": 1, "certificates": [Infinity]}',
+        '{"kind": "maglev-design-certificate", "kind": "maglev-design-certificate"}',
     ],
-    ids=["empty", "list", "cut", "nan", "binary", "design", "deep", "infinity"],
+    ids=["empty", "list", "cut", "nan", "binary", "design", "deep", "infinity", "twice"],
 )
 def test_what_is_no_certificate_is_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "certificate.json"

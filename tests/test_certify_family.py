@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 import math
 from fractions import Fraction
 from typing import Any
@@ -9,7 +10,7 @@ from rigs import MINIMAL, rig_with
 
 from maglev_design.certify.lyapunov.family import Subject, claim, state_names, subject
 from maglev_design.certify.rationals import decimal
-from maglev_design.choices import Controller
+from maglev_design.choices import EQUILIBRIA, Controller
 from maglev_design.design import PoleSpec, make_design
 from maglev_design.errors import InputError
 from maglev_design.parameters import Rig, load_rig
@@ -23,13 +24,15 @@ def subject_of(rig: Rig, **options: Any) -> Subject:
 
 def test_the_numbers_of_the_rig_are_the_decimals_and_the_gains_the_doubles() -> None:
     of = subject_of(PAPER)
-    assert of.force_constant == Fraction("2.48315625e-5")
-    assert (of.period, of.delay) == (Fraction("0.001"), Fraction(0))
-    assert of.voltage is None
+    assert (of.period, of.delay, of.gap) == (Fraction("0.001"), Fraction(0), Fraction("0.0246"))
+    assert of.gravity == Fraction("9.81")
+    believed = make_design(PAPER, PoleSpec.double(1.1371, 107.346)).believed
+    assert [float(x) for x in (of.C_U_hat, of.C_Y_hat)] == [believed.C_U, believed.C_Y]
     assert [float(k) for k in of.gains] == list(
         make_design(PAPER, PoleSpec.double(1.1371, 107.346)).gains
     )
-    assert all(k.denominator & (k.denominator - 1) == 0 for k in of.gains)  # a power of two
+    doubles = (*of.gains, *of.coefficients, of.C_U_hat, of.C_Y_hat)
+    assert all(k.denominator & (k.denominator - 1) == 0 for k in doubles)  # a power of two
     assert decimal(0.1) == Fraction(1, 10)
 
 
@@ -58,9 +61,45 @@ def test_another_controller_is_refused() -> None:
         subject_of(PAPER, controller=Controller("lin-pid"))
 
 
-def test_a_design_for_another_beta_is_refused() -> None:
-    with pytest.raises(InputError, match="ratios count from the rig's beta"):
-        subject_of(PAPER, beta_c=1.5e-3)
+def test_the_ratio_counts_from_the_beta_that_the_controller_implies() -> None:
+    assert subject_of(PAPER, beta_c=1.5e-3).beta == Fraction("0.0015")
+    measured = subject_of(PAPER, equilibrium="measured", voltage=2.0825)
+    assert float(measured.beta) == pytest.approx(9.81 * 0.0246**2 / 2.0825**2, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("operating_point.gap", 0.02),
+        ("sampling.period", 0.002),
+        ("limits.voltage", [0.0, 4.0]),
+    ],
+)
+def test_a_design_of_another_rig_is_refused(name: str, value: Any) -> None:
+    design = make_design(rig_with(MINIMAL), PoleSpec.double(1, 70))
+    with pytest.raises(InputError, match=name):
+        subject(design, rig_with(MINIMAL, {name: value}))
+
+
+def test_an_uncertain_y0_is_covered_and_held_plants_carry_their_ratio() -> None:
+    """A point of every plant and gap, against the boxes of the claim."""
+    offset = {"plant.gap_offset": 0.001, "uncertainty.gap_offset": [0.0, 0.003]}
+    voltage = {"operating_point.voltage": 2.17, "uncertainty.voltage": 0.02}
+    rig, Z = rig_with(MINIMAL, offset | voltage), Fraction("0.0256")
+    for reading in EQUILIBRIA:
+        over = claim(rig, "sampled", None, (0.012, 0.03), reading)
+        assert over.held == (reading == "measured")
+        boxes = list(over.boxes(Z))
+        for t, s, r in itertools.product((Fraction(n, 7) for n in range(8)), repeat=3):
+            shift = over.shifts[0] + s * (over.shifts[1] - over.shifts[0])
+            gap = over.gaps[0] + t * (over.gaps[1] - over.gaps[0]) + shift
+            ratio = over.ratios[0] + r * (over.ratios[1] - over.ratios[0])
+            if over.held:  # the same voltage at Y, hence beta = g (Z + shift)^2/U_t^2
+                ratio *= (Z / (Z + shift)) ** 2
+            assert any(
+                low <= gap <= high and weak <= ratio <= strong
+                for (low, high), (weak, strong) in boxes
+            )
 
 
 def test_an_unbounded_gap_is_refused() -> None:

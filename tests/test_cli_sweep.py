@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from records import document_of
 from rigs import SHORT, rig_with
 from typer.testing import CliRunner
 
 from maglev_design import record
 from maglev_design import sweep as sweeps
-from maglev_design.choices import SCHEMA_VERSION
 from maglev_design.cli import app, sweep_verb
 from maglev_design.cli.replay import replayed
 from maglev_design.cli.sweep_verb import Request
@@ -29,7 +29,6 @@ from maglev_design.errors import InputError
 from maglev_design.parameters import Rig, load_rig
 from maglev_design.plain import finite
 from maglev_design.sweep import executors
-from maglev_design.tune.document import difference_equation
 
 SLOW = 240
 """[s] A start costs seconds, more on a busy machine."""
@@ -127,16 +126,7 @@ def swept(folder: Path, **options: Any) -> dict[str, Any]:
 def save_design(folder: Path, rig: Rig, zeta: float, omega_n: float) -> Path:
     """Write a record such as `tune` writes, without tuning."""
     design = make_design(rig, PoleSpec.double(zeta, omega_n))
-    document = {
-        "schema_version": SCHEMA_VERSION,
-        "kind": record.KIND,
-        "record_version": record.RECORD_VERSION,
-        "gains": design.named_gains,
-        "difference_equation": difference_equation(design),
-        "controller_sha256": design.sha256,
-        "rig": record.rig_as_data(rig),
-        "design": record.design_as_data(design),
-    }
+    document = document_of(rig, design)
     record.save(record.DesignRecord(rig, design, finite(document), {}), folder)
     return folder / "design.json"
 

@@ -26,10 +26,10 @@ from maglev_design.simulate import (
     Response,
     Scenario,
     emulated,
-    error_bounds,
     loop_for,
     nominal_scenario,
     simulate,
+    stated_errors,
 )
 from maglev_design.simulate.graph import COIL, step_program
 from maglev_design.simulate.scenario import parameter_vector, start_state
@@ -220,15 +220,15 @@ def test_a_ball_at_rest_on_a_coil_stays_there() -> None:
     assert response.gap == pytest.approx(0.0242, abs=1e-14)
 
 
-def test_the_stated_error_bounds_the_error_of_an_emulation() -> None:
+def test_the_stated_stated_errors_the_error_of_an_emulation() -> None:
     rig = rig_with(SHORT, {**COIL_1_MS, "sampling.delay": 0.0003})
     design = design_of(rig, omega=40.0)
-    response, bounds = error_bounds(rig, design, scenario_of(rig), emulate=True)
+    response, stated = stated_errors(rig, design, scenario_of(rig), emulate=True)
     best = simulate(loop_for(rig, design, refine=8, emulate=True), design, scenario_of(rig))
     for figure in ("ise", "iae", "itae"):
         exact = getattr(best.metrics, figure)
         error = abs(getattr(response.metrics, figure) - exact) / exact
-        assert error <= bounds[figure] < 1e-5
+        assert error <= stated.relative[figure] < 1e-5
 
 
 # --- steps of sensor and actuator ----------------------------------------------------------

@@ -34,7 +34,7 @@ from maglev_design.paper.trials import (
     run_trial,
 )
 from maglev_design.parameters import Rig, load_rig
-from maglev_design.simulate import Scenario, error_bounds
+from maglev_design.simulate import Scenario, stated_errors
 
 PAPER = PoleSpec.double(*PAPER_POLES)
 EMULATED = {"emulator": {"inductance": 0.01, "resistance": 20.0, "sensor_step": 1e-5}}
@@ -71,7 +71,7 @@ def test_a_trial_is_the_simulation_that_it_says(
     design = make_design(short_rig, PAPER, controller=contender.controller, beta_c=beta * ratio)
     start = short_rig.initial
     scenario = Scenario(beta, start.gap, start.velocity, noise=chosen.noise, seed=3)
-    direct, _ = error_bounds(short_rig, design, scenario)
+    direct, _ = stated_errors(short_rig, design, scenario)
     # the direct run halves the integration step: 4th order, far below the figures
     assert response.metrics.itae == pytest.approx(direct.metrics.itae, rel=1e-6)
 
@@ -84,7 +84,7 @@ def test_the_plant_can_move_instead_of_the_controller(short_rig: Rig) -> None:
     design = make_design(short_rig, PAPER)
     start = short_rig.initial
     scenario = Scenario(beta / 1.15, start.gap, start.velocity, noise=True)
-    direct, _ = error_bounds(short_rig, design, scenario)
+    direct, _ = stated_errors(short_rig, design, scenario)
     assert moved.metrics.itae == pytest.approx(direct.metrics.itae, rel=1e-6)
 
 

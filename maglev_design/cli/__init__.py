@@ -28,6 +28,7 @@ from maglev_design.choices import (
     Scenarios,
     Start,
     Target,
+    TestName,
 )
 from maglev_design.errors import MaglevError
 
@@ -114,18 +115,20 @@ def derive(
 def simulate(
     rig: Annotated[
         str | None,
-        typer.Option(
-            "--rig",
-            help=f"A rig file (FILE.toml) or the name of a preset; default: {DEFAULT_PRESET}.",
-        ),
+        typer.Option("--rig", help="A rig file or preset; default: the paper's, belmonte2021."),
     ] = None,
     design: Annotated[
-        Path | None, typer.Option(help="A saved design.json; its rig and controller are used.")
+        Path | None,
+        typer.Option(help="A saved design.json: exactly its controller runs, on its rig."),
+    ] = None,
+    plant: Annotated[
+        str | None,
+        typer.Option(help="With --design: a rig file or preset whose plant the controller meets."),
     ] = None,
     test: Annotated[
-        Literal["nominal", "noise", "mismatch"],
-        typer.Option(help="nominal; noise; or noise with beta_c = 1.15 beta."),
-    ] = "nominal",
+        TestName | None,
+        typer.Option(help="nominal (default); noise; or noise with beta_c = 1.15 beta."),
+    ] = None,
     controller: Annotated[
         ControllerName | None, typer.Option(help="Which law; default: tan-gpi.")
     ] = None,
@@ -151,9 +154,18 @@ def simulate(
     ] = None,
     method: Annotated[Method | None, typer.Option(help="Discretisation of the law.")] = None,
     sample_time: Annotated[
-        float | None, typer.Option(help="Sampling period [s]; 0 is a continuous controller.")
+        float | None,
+        typer.Option(
+            help="Sampling period [s]; 0 is a continuous controller. Another one than a design's "
+            "own makes another controller, and is labelled so."
+        ),
     ] = None,
-    beta_ratio: Annotated[float | None, typer.Option(help="beta_c/beta [-].")] = None,
+    beta_ratio: Annotated[
+        float | None,
+        typer.Option(
+            help="beta_c/beta [-], 0.1 to 10: with --design the plant moves, else beta_c."
+        ),
+    ] = None,
     noise: Annotated[
         bool | None, typer.Option("--noise/--no-noise", help="Whether the rig's noise acts.")
     ] = None,
@@ -178,12 +190,13 @@ def simulate(
     json: JsonOption = False,
 ) -> None:
     """Simulate one closed loop on the nonlinear plant and print its figures."""
-    from maglev_design.cli import simulate_verb  # noqa: PLC0415
+    from maglev_design.cli import simulate_setup, simulate_verb  # noqa: PLC0415
 
     simulate_verb.simulate(
-        simulate_verb.Request(
+        simulate_setup.Request(
             rig=rig,
             design=design,
+            plant=plant,
             test=test,
             controller=controller,
             options={

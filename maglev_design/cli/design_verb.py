@@ -10,8 +10,9 @@ from typing import Any
 
 from maglev_design.choices import Controller, ControllerName, Equilibrium, Method, Scenarios
 from maglev_design.cli import tune_verb
+from maglev_design.cli.emulated_text import emulated_warnings
 from maglev_design.cli.law import chosen_law
-from maglev_design.cli.output import number, print_json, progress_bar, say
+from maglev_design.cli.output import number, print_json, progress_bar, say, warn
 from maglev_design.design import PoleSpec, believed_equilibrium, check_path_voltage
 from maglev_design.errors import InfeasibleError, InputError
 from maglev_design.files import output_folder
@@ -43,16 +44,24 @@ class Request:
 
 def design(request: Request, output: Path | None, *, force: bool, as_json: bool) -> None:
     """Judge, print, save; the exit code says how it ended."""
+    from maglev_design.simulate import designed_for  # noqa: PLC0415
     from maglev_design.tune.placed import judged  # noqa: PLC0415
 
     rig = load_rig(request.rig)
+    if request.scenarios == "emulated":
+        rig = designed_for(rig)
     check_path_voltage(rig)
     try:
         controller, gains, poles = _controller(rig, request)
     except InfeasibleError as error:
         if as_json:
             print_json(
-                {"status": "infeasible", "message": str(error), "tightest": error.constraint}
+                {
+                    "status": "infeasible",
+                    "message": str(error),
+                    "tightest": {"name": error.constraint}
+                    | dict.fromkeys(("limit", "value", "poles", "hint")),
+                }
             )
         raise
     problem = _problem(rig, request, controller, gains, distinct=poles.first != poles.second)
@@ -61,11 +70,13 @@ def design(request: Request, output: Path | None, *, force: bool, as_json: bool)
         baseline = tune_verb.baseline_of(rig, request.baseline)
         result = judged(problem, poles, baseline, progress)
         record, written = tune_verb.recorded(result, folder, progress)
+    for text in emulated_warnings(record.document):
+        warn(text)
     if as_json:
         print_json(record.document)
     else:
         tune_verb.show(record.document)
-    tune_verb.tell(rig, record.document, written, as_json=as_json)
+    tune_verb.tell(problem.rig, record.document, written, as_json=as_json)
     figures = result.figures
     if not figures.feasible:
         worst = figures.tightest

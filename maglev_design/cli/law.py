@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -18,7 +17,4 @@ def chosen_law(name: ControllerName, options: Mapping[str, Any]) -> Controller:
         raise InputError(
             f"{names}: only for --controller lin-pid, not for {name}, which leaves nothing open"
         )
-    ratio = given.get("filter", 1.0)
-    if not (math.isfinite(ratio) and ratio > 0):
-        raise InputError(f"filter = {ratio!r}: must be a finite number greater than 0 [-]")
     return Controller(name, **given)

@@ -287,8 +287,9 @@ def _print_head(document: dict[str, Any]) -> None:
     lines, excitation = [], document["excitation"]
     if excitation is not None:
         lines.append(
-            "Nothing moves on this rig as it is described: tuned for a standard excitation, the "
-            f"ball starts at rest {1e3 * excitation['offset']:+.3g} mm from its path "
+            "Nothing moves on this rig as it is described: "
+            f"{'judged' if document['status'] == 'judged' else 'tuned'} for a standard excitation, "
+            f"the ball starts at rest {1e3 * excitation['offset']:+.3g} mm from its path "
             f"({100 * excitation['share_of_Z']:g} % of Y + y0), at "
             f"{1e3 * excitation['initial_gap']:.5g} mm."
         )

@@ -12,14 +12,15 @@ from maglev_design.simulate.emulator import (
     emulator_effects,
 )
 from maglev_design.simulate.graph import LoopGraph, build
-from maglev_design.simulate.independent import own_step, resimulate
+from maglev_design.simulate.independent import own_step, resimulate, resimulate_continuous
 from maglev_design.simulate.response import (
     Crash,
     Metrics,
     Response,
-    error_bounds,
+    StatedErrors,
     loop_for,
     simulate,
+    stated_errors,
 )
 from maglev_design.simulate.scenario import Scenario, mirrored, nominal_scenario
 from maglev_design.simulate.tangents import Tangent, pole_tangent
@@ -31,6 +32,7 @@ __all__ = [
     "Metrics",
     "Response",
     "Scenario",
+    "StatedErrors",
     "Summary",
     "Tangent",
     "at_own_period",
@@ -39,17 +41,18 @@ __all__ = [
     "designed_for",
     "emulated",
     "emulator_effects",
-    "error_bounds",
     "loop_for",
     "mirrored",
     "nominal_scenario",
     "own_step",
     "pole_tangent",
     "resimulate",
+    "resimulate_continuous",
     "respond",
     "settling_time",
     "simulate",
     "simulate_batch",
+    "stated_errors",
     "total_variation",
     "undershoot",
 ]

@@ -15,13 +15,14 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design.choices import Backend
+from maglev_design.choices import BACKENDS, Backend
 from maglev_design.design import Design, reference_path
+from maglev_design.errors import check_word
 from maglev_design.simulate import compiled
 from maglev_design.simulate.graph import LoopGraph
 from maglev_design.simulate.noise import POSITION_CHANNEL, standard_normals
 from maglev_design.simulate.response import PARTS, Crash, Metrics, Response, simulate
-from maglev_design.simulate.scenario import Scenario, parameter_vector, start_state
+from maglev_design.simulate.scenario import Scenario, check_fits, parameter_vector, start_state
 from maglev_design.simulate.tangents import Tangent, start_tangent
 from maglev_design.simulate.transient import total_variation
 
@@ -84,6 +85,7 @@ def simulate_batch(
     RuntimeError
         When ``compiled`` is asked for and nothing can be compiled.
     """
+    check_word("backend", backend, BACKENDS)
     if not designs:
         return []
     found = None
@@ -102,17 +104,19 @@ def simulate_batch(
     return summaries(loop, figures)
 
 
-def respond(loop: LoopGraph, design: Design, scenario: Scenario) -> Response:
+def respond(
+    loop: LoopGraph, design: Design, scenario: Scenario, *, clamped: bool = True
+) -> Response:
     """Run one closed loop, compiled where that is possible and takes no longer than it is worth.
 
     The curves are those of :func:`maglev_design.simulate.simulate`; the metrics, added in another
     order, differ from its by rounding. A loop with many integration steps a period is interpreted:
-    a compiler takes seconds for it.
+    a compiler takes seconds for it. `clamped` is as of :func:`maglev_design.simulate.simulate`.
     """
     found = compiled.kernel(loop) if loop.pieces <= MOST_PIECES else None
     if found is None:
-        return simulate(loop, design, scenario)
-    figures, trace = _compiled(loop, found, [design], [scenario], None, True, 1, trace=True)
+        return simulate(loop, design, scenario, clamped=clamped)
+    figures, trace = _compiled(loop, found, [design], [scenario], None, clamped, 1, trace=True)
     (summary,) = summaries(loop, figures)
     gap, velocity, commanded, applied = trace[0].T
     return Response(
@@ -160,8 +164,7 @@ def _compiled(
     rig, width = loop.rig, loop.directions
     states, vectors = [], []
     for n, (design, scenario) in enumerate(zip(designs, scenarios, strict=True)):
-        if design.controller != loop.controller:
-            raise ValueError(f"a loop of {loop.controller} cannot run {design.controller}")
+        check_fits(loop, design)
         first = first_noise(loop, scenario)
         state = start_state(loop, design, scenario, first)
         vector = parameter_vector(loop, design, scenario, clamped=clamped)

@@ -6,16 +6,15 @@ from maglev_design.errors import InputError
 from maglev_design.parameters import Rig, make_rig
 
 
-def emulated(rig: Rig) -> Rig:
+def emulated(rig: Rig, period: float | None = None) -> Rig:
     """Return `rig` with the period, delay and sensor noise of its ``[emulator]`` table.
 
-    The controller is sampled at that period with the gains it has; the coil and the steps of
-    sensor and actuator act in a loop that is built with ``emulate=True``.
+    With `period` [s] it is sampled at that one, as a design is that runs at its own. The coil and
+    the steps of sensor and actuator act in a loop that is built with ``emulate=True``.
     """
     effects = rig.emulator
     data = rig.model_dump(exclude_none=True)
-    if effects.period is not None:
-        data["sampling"]["period"] = effects.period
+    data["sampling"]["period"] = period or effects.period or rig.sampling.period
     if effects.delay is not None:
         data["sampling"]["delay"] = effects.delay
     if effects.position_noise is not None:

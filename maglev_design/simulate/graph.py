@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design import design as designs
-from maglev_design.choices import TAN_GPI, Controller, Method
+from maglev_design.choices import METHODS, TAN_GPI, Controller, Method
+from maglev_design.errors import InputError, check_numbers, check_word
 from maglev_design.lowering import Program
 from maglev_design.parameters import Emulator, Rig
 from maglev_design.programs import program
@@ -242,6 +243,11 @@ def build(
     emulate : bool
         Whether the coil and the steps of ``[emulator]`` act.
     """
+    if method is not None:
+        check_word("method", method, METHODS)
+    check_numbers(fastest=fastest)
+    if not refine >= 1:
+        raise InputError(f"refine = {refine!r}: must be a whole number from 1 on")
     period = rig.sampling.period
     when = designs.timing(period, rig.sampling.delay) if method else designs.Timing(0, 0.0, 0)
     smallest = float(designs.path_gaps(rig, 2)[0])

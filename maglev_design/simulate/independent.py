@@ -1,6 +1,6 @@
-"""The sampled loop once more with SciPy, as a check on the first integrator.
+"""The closed loop once more with SciPy, as a check on the first integrator.
 
-Only the lowered plant, the lowered step of the controller and the reference are shared: the
+Only the lowered plant, the lowered law of the controller and the reference are shared: the
 integrator (DOP853, adaptive), the handling of the delay and the quadratures of the metrics are
 not. The right side is restarted wherever the voltage jumps.
 """
@@ -11,24 +11,35 @@ import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from maglev_design import design as designs
 from maglev_design.parameters import Rig
 from maglev_design.simulate.graph import (
+    LoopGraph,
     acceleration_program,
     contact_gap,
+    continuous_program,
     signal_names,
     start_program,
     step_program,
 )
-from maglev_design.simulate.response import Array
-from maglev_design.simulate.scenario import Scenario, held_voltage, noise_samples
+from maglev_design.simulate.scenario import (
+    Scenario,
+    held_voltage,
+    noise_samples,
+    parameter_vector,
+)
 
+Array = NDArray[np.float64]
 SampledController = Callable[[Mapping[str, float]], tuple[float, float]]
 """From a sample (y, v, y_ref, v_ref, acc_ref) to the commanded and the applied voltage."""
+Drive = Callable[[Any, Sequence[float], Any], tuple[float, Sequence[float]]]
+"""From state, reference and what is held to the input voltage and the rates of the law's states."""
 
 RELATIVE_TOLERANCE = 1e-9
 ABSOLUTE_TOLERANCE = 1e-13
@@ -72,7 +83,7 @@ def resimulate(
     times: Array = np.arange(count, dtype=float) * period
     samples = designs.reference_path(rig, times)
     noise = noise_samples(rig, scenario, count)
-    integrator = _integrator(rig, scenario)
+    integrator = _integrator(rig, scenario, lambda _x, _reference, voltage: (voltage, ()))
     state = [scenario.initial_gap, scenario.initial_velocity, 0.0, 0.0, 0.0]
     memory, first = _start(rig, design, scenario, float(noise[1, 0]))
     pending = deque([first] * when.held)
@@ -94,7 +105,50 @@ def resimulate(
         state = _advance(integrator, state, change, end, voltage + noise[0, k])
         if not inside[0] < state[0] < inside[1]:
             return Check(math.inf, math.inf, math.inf, float(peak), True)
-    ise, iae, itae = (float(x) / scale for x, scale in zip(state[2:], SCALES, strict=True))
+    return _check(state, peak)
+
+
+def resimulate_continuous(loop: LoopGraph, design: designs.Design, scenario: Scenario) -> Check:
+    """Return the metrics of a loop with the continuous law, integrated independently.
+
+    The step adapts to the kinks of clamp and anti-windup. The peak is that of the sampling
+    instants, at which the noise changes.
+    """
+    rig, times = loop.rig, loop.times.tolist()
+    noise = noise_samples(rig, scenario, len(times) - 1)
+    law = continuous_program(design.controller)
+    run_law = law.scalar()
+    numbers = parameter_vector(loop, design, scenario).tolist()
+    fixed = dict(zip(loop.parameter_names, numbers, strict=True))
+    low, high = fixed["u_min"], fixed["u_max"]
+    own = start_program(design.controller).outputs
+
+    def command(x: Any, reference: Sequence[float], noisy: float) -> tuple[Sequence[float], float]:
+        known = fixed | dict(zip(("y_ref", "v_ref", "acc_ref"), reference, strict=True))
+        known |= {"y": x[0] + noisy, "v": x[1], **dict(zip(own, x[5:], strict=True))}
+        *moved, commanded = run_law(*[known[name] for name in law.inputs])
+        return moved, commanded
+
+    def drive(x: Any, reference: Sequence[float], held: Any) -> tuple[float, Sequence[float]]:
+        moved, commanded = command(x, reference, held[1])
+        return min(max(commanded, low), high) + held[0], moved
+
+    integrator = _integrator(rig, scenario, drive)
+    memory, _ = _start(rig, design, scenario, float(noise[1, 0]))
+    state: Any = [scenario.initial_gap, scenario.initial_velocity, 0.0, 0.0, 0.0, *memory]
+    samples = designs.reference_path(rig, loop.times)
+    peak = -math.inf
+    for k, (start, end) in enumerate(pairwise(times)):
+        peak = max(peak, command(state, samples[:, k].tolist(), float(noise[1, k]))[1])
+        state = _advance(integrator, state, start, end, noise[:, k].tolist())
+        if not fixed["gap_low"] < state[0] < fixed["gap_high"]:
+            return Check(math.inf, math.inf, math.inf, float(peak), True)
+    return _check(state, peak)
+
+
+def _check(state: Any, peak: float) -> Check:
+    """Return the metrics that were integrated with the state."""
+    ise, iae, itae = (float(x) / scale for x, scale in zip(state[2:5], SCALES, strict=True))
     return Check(ise, iae, itae, float(peak), False)
 
 
@@ -130,7 +184,7 @@ def _start(
     return list(program.scalar()(*[numbers[name] for name in program.inputs])), held
 
 
-def _integrator(rig: Rig, scenario: Scenario) -> Any:
+def _integrator(rig: Rig, scenario: Scenario, drive: Drive) -> Any:
     from scipy.integrate import ode  # noqa: PLC0415 - heavy, and only this check needs it
 
     beta, plant = scenario.beta_plant, rig.plant
@@ -141,20 +195,22 @@ def _integrator(rig: Rig, scenario: Scenario) -> Any:
     reference = designs.reference_program().scalar()
     ends = (path.start_gap, path.end_gap, path.start_time, path.end_time)
 
-    def rates(t: float, x: Any, voltage: float) -> list[float]:
+    def rates(t: float, x: Any, held: Any) -> list[float]:
+        wanted = reference(t, *ends)
+        voltage, moved = drive(x, wanted, held)
         (pull,) = acceleration(gravity, beta, offset, max(x[0], floor), voltage)
-        error = abs(x[0] - reference(t, *ends)[0])
+        error = abs(x[0] - wanted[0])
         ise, iae, itae = SCALES
-        return [x[1], pull, ise * error * error, iae * error, itae * t * error]
+        return [x[1], pull, ise * error * error, iae * error, itae * t * error, *moved]
 
     return ode(rates).set_integrator(
         "dop853", rtol=RELATIVE_TOLERANCE, atol=ABSOLUTE_TOLERANCE, nsteps=10_000
     )
 
 
-def _advance(integrator: Any, state: Any, start: float, end: float, voltage: float) -> Any:
-    """Return the state at `end` under a constant voltage."""
+def _advance(integrator: Any, state: Any, start: float, end: float, held: Any) -> Any:
+    """Return the state at `end` while what is held, voltage or noise, stays."""
     if end <= start:
         return state
-    integrator.set_initial_value(state, start).set_f_params(voltage)
+    integrator.set_initial_value(state, start).set_f_params(held)
     return integrator.integrate(end)

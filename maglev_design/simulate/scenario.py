@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design.design import Design
+from maglev_design.errors import InputError, check_numbers
 from maglev_design.parameters import Rig
 from maglev_design.simulate import graph as graphs
 from maglev_design.simulate.noise import INPUT_CHANNEL, POSITION_CHANNEL, standard_normals
@@ -48,6 +49,19 @@ class Scenario:
     input_noise: float | None = None
     position_noise: float | None = None
 
+    def __post_init__(self) -> None:
+        check_numbers(positive=True, beta_plant=self.beta_plant, gravity=self.gravity)
+        check_numbers(
+            initial_gap=self.initial_gap,
+            initial_velocity=self.initial_velocity,
+            gap_offset=self.gap_offset,
+            input_noise=self.input_noise,
+            position_noise=self.position_noise,
+        )
+        for name, value in (("seed", self.seed), ("index", self.index)):
+            if not 0 <= value < 2**32:
+                raise InputError(f"{name} = {value!r}: must be a whole number from 0 to 2^32 - 1")
+
     def deviations(self, rig: Rig) -> tuple[float, float]:
         """Return the standard deviations of input and position noise [V, m], 0 without noise."""
         if not self.noise:
@@ -67,6 +81,27 @@ def mirrored(rig: Rig, scenario: Scenario) -> Scenario:
     """Return the scenario with the initial error of the other sign."""
     start = rig.reference.start_gap
     return replace(scenario, initial_gap=2 * start - scenario.initial_gap)
+
+
+def check_fits(loop: graphs.LoopGraph, design: Design) -> None:
+    """Raise `ValueError` when a loop was built for another controller, method or rig.
+
+    Another plant is none of it, nor another path: a controller may meet both.
+    """
+    rig = loop.rig
+    sampled = loop.method is not None
+    for name, own, wanted in (
+        ("controller", loop.controller, design.controller),
+        ("method", loop.method, design.method if sampled else None),
+        ("period [s]", rig.sampling.period, design.period if sampled else rig.sampling.period),
+        ("Y [m]", rig.operating_point.gap, design.Y),
+        ("range of voltage [V]", tuple(rig.limits.voltage), tuple(design.voltage_limits)),
+    ):
+        if own != wanted:
+            raise ValueError(
+                f"a loop with {name} {own} cannot run a design with {wanted}: build the loop from "
+                "the design's rig (loop_for), or make the design for the loop's"
+            )
 
 
 def parameter_vector(

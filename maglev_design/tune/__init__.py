@@ -6,13 +6,12 @@ re-simulates it with an independent integrator and compares it with the paper's 
 
 from maglev_design.tune.document import as_json
 from maglev_design.tune.emulated import EmulatedRow, emulated_row
+from maglev_design.tune.figures import Figures, judge
 from maglev_design.tune.problem import OBJECTIVES, TuningProblem, build_problem
+from maglev_design.tune.relief import Unstabilisable
 from maglev_design.tune.result import (
-    Figures,
     Status,
     TuneResult,
-    Unstabilisable,
-    judge,
     solve,
     solve_every_method,
 )

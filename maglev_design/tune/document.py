@@ -8,14 +8,14 @@ from typing import Any
 from maglev_design.choices import Scenarios
 from maglev_design.design import Design
 from maglev_design.simulate.independent import INTEGRATOR
-from maglev_design.tune.problem import TuningProblem
-from maglev_design.tune.result import (
+from maglev_design.tune.figures import (
     VERIFICATION_TOLERANCE,
     Figures,
-    TuneResult,
     Verification,
     times_smaller,
 )
+from maglev_design.tune.problem import TuningProblem
+from maglev_design.tune.result import TuneResult
 
 BINDING = 2e-3
 """Slack below which a limit is said to bind."""

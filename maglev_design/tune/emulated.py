@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from maglev_design import loop as loops
+from maglev_design.choices import TAN_GPI
 from maglev_design.design import Design, PoleSpec, make_design
 from maglev_design.parameters import Rig
 from maglev_design.simulate import (
@@ -191,7 +192,7 @@ def emulated_row(
     Parameters
     ----------
     baseline : PoleSpec, optional
-        Poles to compare with.
+        Poles of TAN-GPI to compare with.
     relaxed : tuple of PoleSpec and float, optional
         As :func:`relaxed_optimum` returns them.
     """
@@ -202,7 +203,12 @@ def emulated_row(
     own = at_own_period(rig)
     other = rediscretised = None
     if baseline is not None:
-        other = emulations(problem, own, design_at(replace(problem, gains=None), baseline), seeds)
+        other = emulations(
+            problem,
+            own,
+            design_at(replace(problem, controller=TAN_GPI, gains=None), baseline),
+            seeds,
+        )
     changed = emulated(rig)
     if changed.sampling.period != rig.sampling.period:
         moved = make_design(

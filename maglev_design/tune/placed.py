@@ -13,14 +13,15 @@ from maglev_design.choices import TAN_GPI, Controller
 from maglev_design.design import Believed, PoleSpec, gain_names
 from maglev_design.errors import InfeasibleError, InputError, nearest
 from maglev_design.programs import program
+from maglev_design.tune.cautions import cautions
+from maglev_design.tune.emulated import emulated_row
+from maglev_design.tune.figures import judge, verify, with_noise
 from maglev_design.tune.problem import TuningProblem, design_at
 from maglev_design.tune.result import (
     Status,
     TuneResult,
     changed,
-    judge,
     judged_baseline,
-    verify,
 )
 
 PID_NAMES = ("Kp", "Ki", "Kd")
@@ -202,4 +203,7 @@ def judged(
         alternatives=(),
         landscape=None,
         evaluations=0,
+        emulated=emulated_row(problem, design, None if compared is None else baseline),
+        warnings=cautions(problem),
+        with_noise=with_noise(problem, poles, figures),
     )

@@ -1,4 +1,4 @@
-"""Where nothing is feasible: the poles that come closest, and which options would do."""
+"""Where nothing is feasible: the poles that come closest, and which options or rates would do."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maglev_design import loop as loops
+from maglev_design.parameters import MOST_DELAYED_PERIODS
 from maglev_design.tune import dense
 from maglev_design.tune.problem import Case, TuningProblem
 
@@ -98,3 +100,50 @@ def _rounded_up(value: float) -> float:
     """Return `value` with two digits, not smaller."""
     scale = 10.0 ** (math.floor(math.log10(value)) - 1)
     return float(f"{math.ceil(value / scale - 1e-9) * scale:.3g}")
+
+
+@dataclass(frozen=True)
+class Unstabilisable:
+    """No poles in the box stabilise the sampled loop; what would [s], nan where nothing does."""
+
+    problem: TuningProblem
+    largest_period: float
+    largest_delay: float
+
+
+def what_would_stabilise(problem: TuningProblem) -> Unstabilisable:
+    """Return the largest period and, at the rig's period, the largest delay that could work."""
+    sampling = problem.rig.sampling
+    shortest = sampling.delay / MOST_DELAYED_PERIODS
+    return Unstabilisable(
+        problem,
+        _largest(problem, shortest, sampling.period, lambda value: {"period": value}),
+        _largest(problem, 0.0, sampling.delay, lambda value: {"delay": value}),
+    )
+
+
+def _largest(
+    problem: TuningProblem, low: float, high: float, change: Callable[[float], dict[str, float]]
+) -> float:
+    """Bisect from `low` to the hopeless `high` for the largest value that still works."""
+    found = math.nan
+    for _ in range(10):
+        middle = (low + high) / 2
+        if _stabilisable(problem, change(middle)):
+            low = found = middle
+        else:
+            high = middle
+    return found
+
+
+def _stabilisable(problem: TuningProblem, change: dict[str, float]) -> bool:
+    rig = problem.rig
+    sampling = rig.sampling.model_copy(update=change)
+    moved = rig.model_copy(update={"sampling": sampling})
+    loop = loops.build_loop(moved, problem.believed, method=problem.method)
+    zeta, omega_n = (np.geomspace(low, high, 12) for low, high in problem.bounds)
+    return any(
+        loops.spectral_radius(loop, (z, w, z, w), problem.family).value < 1
+        for z in zeta
+        for w in omega_n
+    )

@@ -35,7 +35,7 @@ FRACTIONS = 10
 """Points of the grid of delays in a period."""
 SLACKS = tuple(Fraction(1, 10**n) for n in (6, 4, 2))
 """Relative distances from the crossing at which proofs are tried, in turn."""
-FALLBACKS = (Fraction(1, 2), Fraction(1, 4), Fraction(1, 8))
+FALLBACKS = tuple(Fraction(1, 2**n) for n in range(6))
 """Shares of a time at which they are tried where none of those near it succeeds."""
 
 
@@ -155,11 +155,14 @@ def _limit(
         tried = (value * float(share) for share in shares)
         return next((x for x in tried if proved_over(loop, at(x), exact, quotients)), 0.0)
 
+    def longest(value: float) -> float:
+        return max(kept(FALLBACKS, value), kept((Fraction(1),), float(up[0])))
+
     if not stable(up[0]) and not any(stable(value) for value in down):
         return Limit(LimitStatus.UNSTABLE, 0.0)
     pair = _first_change(stable, up, down)
     if pair is None:
-        return Limit(LimitStatus.BEYOND, kept((Fraction(1), *FALLBACKS), float(up[-1])))
+        return Limit(LimitStatus.BEYOND, longest(float(up[-1])))
     low, high = pair
     for _ in range(45):
         middle = (low + high) / 2
@@ -169,7 +172,7 @@ def _limit(
     near = kept([1 - slack for slack in SLACKS], low)
     if near and lost is not None:
         return Limit(LimitStatus.PROVED, near, lost, worst)
-    return Limit(LimitStatus.GAVE_UP, near or kept(FALLBACKS, low), lost, worst)
+    return Limit(LimitStatus.GAVE_UP, near or longest(low), lost, worst)
 
 
 def _first_change(

@@ -28,7 +28,7 @@ PRECISION = 160
 MOST_PIECES = 120
 """Pieces of a range of gaps after which a proof is given up, up to LOW_DEGREE."""
 LOW_DEGREE = 8
-"""Beyond it pieces soon take seconds, and fewer are allowed: as the sixth power."""
+"""Beyond it pieces soon take seconds, and fewer are allowed: as the eighth power."""
 FEWEST_PIECES = 4
 """A proof that may not take as many is not begun."""
 SLACKS = tuple(Fraction(1, 10**n) for n in (6, 4, 2))
@@ -50,7 +50,7 @@ def proved_over(loop: Setting, when: Timing, gaps: Range, quotients: Range) -> b
     arithmetic, done, most = Arithmetic(PRECISION), 0, 0
     for gap in gaps:
         affine = enclose(loop, when, gap, arithmetic)
-        most = MOST_PIECES * LOW_DEGREE**6 // max(LOW_DEGREE, len(affine.alpha) - 1) ** 6
+        most = MOST_PIECES * LOW_DEGREE**8 // max(LOW_DEGREE, len(affine.alpha) - 1) ** 8
         if most < FEWEST_PIECES:
             return False
         if any(is_hurwitz(affine.at(arithmetic.number(v))) is False for v in quotients):

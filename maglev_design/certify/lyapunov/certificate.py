@@ -288,11 +288,10 @@ def _subject(data: dict[str, Any]) -> Subject:
     rig, numbers = fields.table(data, "rig", ("name", *_RIG)), fields.controller(data)
     if not isinstance(rig["name"], str):
         raise InputError(f"rig.name = {str(rig['name'])[:40]!r}: must be a string")
+    plant = {name: fields.rational(rig[name], f"rig.{name}") for name in _RIG}
     for name, unit in (("gravity", "m/s^2"), ("beta", "m^3/(s^2 V^2)")):
-        fields.positive(rig[name], f"rig.{name}", unit)
-    of = Subject(
-        numbers, rig["name"], **{name: fields.rational(rig[name], f"rig.{name}") for name in _RIG}
-    )
+        fields.positive(plant[name], f"rig.{name}", unit)
+    of = Subject(numbers, rig["name"], **plant)
     if of.delay < 0:
         raise InputError(f"rig.delay = {rig['delay']} [s]: must be 0 or more")
     if of.gap + of.gap_offset <= 0:

@@ -99,10 +99,12 @@ def controller(data: dict[str, Any]) -> dict[str, Any]:
         raise InputError("controller.law: must be that of tan-gpi, the only one that is certified")
     method = choice(found, "method", METHODS, "controller")
     for name, unit in POSITIVE.items():
-        positive(found[name], f"controller.{name}", unit)
+        where = f"controller.{name}"
+        positive(_finite(found[name], where, unit), where, unit)
     gains = table(found, "gains", gain_names(TAN_GPI), "controller")
     for name, value in gains.items():
-        positive(value, f"controller.gains.{name}", "1/s^n")
+        where = f"controller.gains.{name}"
+        positive(_finite(value, where, "1/s^n"), where, "1/s^n")
     equation = derived.equation(method, TAN_GPI).coefficients
     names = [x.name for x in equation]
     coefficients = table(found, "coefficients", names, "controller")
@@ -123,14 +125,10 @@ def controller(data: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
-def positive(value: Any, where: str, unit: str) -> None:
-    """Raise `InputError` for anything but a number greater than 0."""
-    if isinstance(value, str):
-        number: Fraction | float = rational(value, where)
-    else:
-        number = _finite(value, where, unit)
+def positive(number: Fraction | float, where: str, unit: str) -> None:
+    """Raise `InputError` for a number that is not greater than 0."""
     if number <= 0:
-        raise InputError(f"{where} = {value} [{unit}]: must be greater than 0")
+        raise InputError(f"{where} = {number} [{unit}]: must be greater than 0")
 
 
 def _finite(value: Any, where: str, unit: str) -> float:

@@ -1,0 +1,355 @@
+"""What ``simulate`` runs: one controller on one plant, from the options."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from maglev_design.choices import (
+    DEFAULT_PRESET,
+    ControllerName,
+    Equilibrium,
+    Method,
+    TestName,
+)
+from maglev_design.cli.law import chosen_law
+from maglev_design.design import (
+    PAPER_POLES,
+    Design,
+    PoleSpec,
+    check_path_voltage,
+    coefficient_inputs,
+    difference_coefficients,
+    gains_program,
+    make_design,
+    plant_beta,
+    voltage_on_plant,
+)
+from maglev_design.errors import InputError
+from maglev_design.paper.trials import TRIALS, Trial
+from maglev_design.parameters import Emulator, Rig, load_rig, make_rig
+from maglev_design.simulate import Scenario, emulated
+
+RATIOS = (0.1, 10.0)
+"""beta_c/beta that can be asked for: a voltage at equilibrium three times too low or too high."""
+PLANT_MOVES = "the plant moves, the controller stays"
+LAWS: dict[ControllerName, str] = {
+    "tan-gpi": "TAN-GPI (20)",
+    "fee-gpi": "FEE-GPI",
+    "lin-pid": "LIN-PID",
+    "state-feedback": "state feedback (14)",
+}
+METHODS: dict[Method, str] = {
+    "tustin": "Tustin",
+    "euler": "forward Euler",
+    "zoh": "zero-order hold",
+}
+
+
+@dataclass(frozen=True)
+class Request:
+    """What was asked for on the command line; None where nothing was said."""
+
+    rig: str | None
+    design: Path | None
+    plant: str | None
+    test: TestName | None
+    controller: ControllerName | None
+    options: dict[str, Any]
+    emulate: bool
+    zeta: float | None
+    omega_n: float | None
+    equilibrium: Equilibrium | None
+    method: Method | None
+    sample_time: float | None
+    beta_ratio: float | None
+    noise: bool | None
+    initial_error: float | None
+    initial_velocity: float | None
+    seed: int
+    replay: str | None = None
+
+    @property
+    def trial(self) -> Trial:
+        """The paper's test that was asked for; the nominal one by default."""
+        return next(trial for trial in TRIALS if trial.name == (self.test or "nominal"))
+
+    @property
+    def ratio(self) -> float:
+        """The ratio beta_c/beta that was asked for, or that of the test.
+
+        Raises
+        ------
+        InputError
+            For a ratio that no plant has.
+        """
+        if self.beta_ratio is None:
+            return self.trial.ratio
+        ratio, (low, high) = self.beta_ratio, RATIOS
+        if not low <= ratio <= high:
+            percent = f"; is it per cent? {ratio:g} % is {ratio / 100:g}" if ratio > high else ""
+            raise InputError(
+                f"beta-ratio = {ratio!r} [-]: must be a number from {low:g} to {high:g}, the "
+                f"controller's beta over the plant's{percent}"
+            )
+        return ratio
+
+    @property
+    def continuous(self) -> bool:
+        """Whether the continuous law was asked for."""
+        return self.sample_time == 0
+
+
+@dataclass(frozen=True)
+class Run:
+    """One controller on one plant, ready to run.
+
+    Attributes
+    ----------
+    rig : Rig
+        The plant, on the path, period and voltage range of the controller.
+    design : Design
+    scenario : Scenario
+    ratio : float
+        beta_c/beta [-].
+    moves : str
+        What makes the ratio what it is.
+    continuous, emulate : bool
+    rediscretised : bool
+        Whether a saved controller runs at another period than its own, as another controller.
+    by_default : bool
+        Whether nobody asked for these poles.
+    """
+
+    rig: Rig
+    design: Design
+    scenario: Scenario
+    ratio: float
+    moves: str
+    continuous: bool = False
+    emulate: bool = False
+    rediscretised: bool = False
+    by_default: bool = False
+
+    def __str__(self) -> str:
+        """Return what runs in one line: law, poles, period, reading, ratio and plant."""
+        design, period = self.design, f"{1e3 * self.rig.sampling.period:g} ms"
+        words = [LAWS[design.controller.name]]
+        words += [design.controller.variant] if design.controller.variant else []
+        words.append(_placement(design) + (" (the paper's default)" if self.by_default else ""))
+        words.append("continuous" if self.continuous else f"{METHODS[design.method]} at {period}")
+        if self.rediscretised:
+            words[-1] += " (rediscretised: another controller)"
+        words.append(f"reading {design.equilibrium}")
+        words.append(f"beta_c/beta = {self.ratio:g} ({self.moves})")
+        words.append(f"{'emulated ' if self.emulate else ''}plant: {self.rig.name}")
+        return ", ".join(words)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what runs for JSON."""
+        design, period = self.design, self.rig.sampling.period
+        return {
+            "ran": str(self),
+            "controller": design.controller.name,
+            "variant": design.controller.variant or "default",
+            "controller_sha256": None if self.continuous else design.sha256,
+            "poles": [list(design.poles.first), list(design.poles.second)],
+            "gains": design.named_gains,
+            "equilibrium": design.equilibrium,
+            "method": None if self.continuous else design.method,
+            "sample_time": 0.0 if self.continuous else period,
+            "rediscretised": self.rediscretised,
+            "plant": self.rig.name,
+            "ratio": self.ratio,
+            "noise": self.scenario.noise,
+            "seed": self.scenario.seed,
+            "emulated": self.emulate,
+        }
+
+
+def _are_placed(design: Design) -> bool:
+    """Whether the gains are those of the poles, and not somebody's own."""
+    placed = gains_program(design.controller).scalar()(*design.poles.values)
+    return all(math.isclose(a, b, rel_tol=1e-12) for a, b in zip(placed, design.gains, strict=True))
+
+
+def _placement(design: Design) -> str:
+    """Return the poles in words, or the gains where no poles placed them."""
+    if not _are_placed(design):
+        return "gains " + ", ".join(f"{name} = {x:g}" for name, x in design.named_gains.items())
+    (zeta, omega), (other, last) = design.poles.first, design.poles.second
+    if design.controller.name in ("lin-pid", "state-feedback"):
+        return f"zeta {zeta:g}, omega_n {omega:g} rad/s, real pole -{last:g} rad/s"
+    if design.poles.first == design.poles.second:
+        return f"zeta {zeta:g}, omega_n {omega:g} rad/s"
+    return f"zeta {zeta:g} and {other:g}, omega_n {omega:g} and {last:g} rad/s"
+
+
+def set_up(request: Request) -> Run:
+    """Return what the options ask for."""
+    if request.design is None:
+        return _without_a_design(request)
+    return _saved(request, request.design)
+
+
+def _without_a_design(request: Request) -> Run:
+    """Return a controller made here, as in the paper: its beta_c moves, the plant stays."""
+    if request.plant is not None:
+        raise InputError(
+            "--plant: puts a saved controller on another plant; give it with --design, or take "
+            f"--rig {request.plant}"
+        )
+    ratio, rig = request.ratio, load_rig(request.rig or DEFAULT_PRESET)
+    period = request.sample_time or None
+    if period is not None:
+        rig = _with_period(rig, period)
+    rig = _emulated(rig, period, request)
+    check_path_voltage(rig)
+    beta, (zeta, omega_n) = plant_beta(rig), PAPER_POLES
+    design = make_design(
+        rig,
+        PoleSpec.double(
+            zeta if request.zeta is None else request.zeta,
+            omega_n if request.omega_n is None else request.omega_n,
+        ),
+        controller=chosen_law(request.controller or "tan-gpi", request.options),
+        equilibrium=request.equilibrium or "model",
+        method=request.method,
+        beta_c=beta * ratio,
+        voltage=voltage_on_plant(rig, beta),
+    )
+    return Run(
+        rig,
+        design,
+        _scenario(rig, beta, request),
+        ratio,
+        "the plant stays, the controller's beta_c moves, as in the paper's test 3",
+        request.continuous,
+        request.emulate,
+        by_default=request.zeta is None and request.omega_n is None,
+    )
+
+
+def _saved(request: Request, path: Path) -> Run:
+    """Return a saved controller, its numbers as they are: the plant moves."""
+    from maglev_design.record import load  # noqa: PLC0415 - only when a design is given
+
+    if request.rig is not None:
+        raise InputError(
+            f"--rig with --design: a saved design has its rig; --plant {request.rig} is how it "
+            "meets another plant"
+        )
+    ratio, record = request.ratio, load(path)
+    own, design, moves = record.rig, record.design, PLANT_MOVES
+    _check_same(request, design)
+    period = request.sample_time or design.period
+    if period != design.period:
+        own = _with_period(own, period)
+        known = coefficient_inputs(own, design.believed) | design.named_gains
+        made = difference_coefficients(known, design.method, design.controller)
+        design = replace(design, period=period, coefficients=made)
+    rig, beta = own, design.beta_at(ratio)
+    if request.plant is not None:
+        rig = _on_plant(own, design, request.plant, request)
+        beta, moves = plant_beta(rig), "another rig's plant, the controller stays"
+        ratio = design.believed.beta / beta
+    rig = _emulated(rig, period, request)
+    check_path_voltage(rig)
+    return Run(
+        rig,
+        design,
+        _scenario(rig, beta, request),
+        ratio,
+        moves,
+        request.continuous,
+        request.emulate,
+        rediscretised=period != record.design.period,
+    )
+
+
+def _check_same(request: Request, design: Design) -> None:
+    """Refuse options that would make another controller than the saved one."""
+    law, poles, placed = design.controller, design.poles.values, _are_placed(design)
+    own: dict[str, tuple[Any, ...]] = {
+        "zeta": poles[0::2] if placed else (),
+        "omega_n": poles[1::2] if placed else (),
+        "equilibrium": (design.equilibrium,),
+        "method": (design.method,),
+        "controller": (law.name,),
+        **{name: (getattr(law, name),) for name in request.options},
+    }
+    asked = vars(request) | request.options
+    other = {
+        name: asked[name]
+        for name, values in own.items()
+        if asked[name] is not None and set(values) != {asked[name]}
+    }
+    if other:
+        names = ", ".join(f"--{name.replace('_', '-')} {x}" for name, x in other.items())
+        raise InputError(
+            f"{names}: not what the saved design has ({LAWS[law.name]}, {_placement(design)}, "
+            f"method {design.method}, reading {design.equilibrium}), and --design runs exactly "
+            "that; leave the option out, make another controller with the verb design, or leave "
+            "--design out"
+        )
+
+
+def _on_plant(own: Rig, design: Design, source: str, request: Request) -> Rig:
+    """Return another rig's plant on the path, period and voltage range of the controller's."""
+    plant = load_rig(source)
+    if request.beta_ratio is not None or request.test == "mismatch":
+        raise InputError(
+            "--plant with --beta-ratio or --test mismatch: the other rig has its own beta; leave "
+            "one of the two out"
+        )
+    constants = [(rig.plant.gravity, rig.plant.gap_offset) for rig in (own, plant)]
+    if request.continuous and design.controller.name == "fee-gpi" and len(set(constants)) > 1:
+        raise InputError(
+            "--plant with --sample-time 0: the continuous FEE-GPI would read gravity and "
+            "gap_offset of the other plant; leave --sample-time out"
+        )
+    data, mine = plant.model_dump(exclude_none=True), own.model_dump(exclude_none=True)
+    data |= {name: mine[name] for name in ("operating_point", "reference", "sampling")}
+    data["limits"]["voltage"] = mine["limits"]["voltage"]
+    return make_rig(data, f"--plant {source}")
+
+
+def _emulated(rig: Rig, period: float | None, request: Request) -> Rig:
+    """Return the rig as it is emulated, where that was asked for, at a period that was given."""
+    if not request.emulate:
+        return rig
+    if rig.emulator == Emulator():
+        raise InputError(
+            f"--emulate: the rig {rig.name!r} has no [emulator] table; give it inductance [H] and "
+            "resistance [ohm], sensor_step [m], actuator_step [V], period [s] or delay [s]"
+        )
+    if request.continuous:
+        raise InputError("--emulate: the emulated rig runs a sampled controller, not sample-time 0")
+    return emulated(rig, period)
+
+
+def _with_period(rig: Rig, period: float) -> Rig:
+    data = rig.model_dump(exclude_none=True)
+    data["sampling"]["period"] = period
+    return make_rig(data, "--sample-time")
+
+
+def _scenario(rig: Rig, beta: float, request: Request) -> Scenario:
+    """Return the start that was asked for, checked against the gap limits, and the noise."""
+    gap, velocity = rig.initial.gap, rig.initial.velocity
+    if request.initial_error is not None:
+        gap = rig.reference.start_gap + request.initial_error
+        low, high = rig.limits.gap
+        if not low < gap < high:
+            raise InputError(
+                f"initial-error = {request.initial_error!r} m: the ball would start at {gap:.4g} m;"
+                f" allowed is a start inside limits.gap, {low:g} m to {high:g} m"
+            )
+    if request.initial_velocity is not None:
+        velocity = request.initial_velocity
+        if not math.isfinite(velocity):
+            raise InputError(f"initial-velocity = {velocity!r}: must be finite")
+    noise = request.trial.noise if request.noise is None else request.noise
+    return Scenario(beta, gap, velocity, noise=noise, seed=request.seed)
