@@ -41,7 +41,7 @@ from maglev_design.certify.intervals.sampled import setting, timing
 from maglev_design.certify.intervals.sampled_interval import sampled_ratios_at
 from maglev_design.certify.rationals import decimal
 from maglev_design.choices import EQUILIBRIA
-from maglev_design.design import PoleSpec, make_design, plant_beta
+from maglev_design.design import PoleSpec, make_design, plant_beta, voltage_on_plant
 from maglev_design.paper.theory_appendix import bounds
 from maglev_design.paper.theory_linear import Case, bounded_matrix, linear_loop
 from maglev_design.parameters import load_rig, make_rig
@@ -228,7 +228,13 @@ holding = make_rig(data)
 figure, axes = plt.subplots(figsize=(WIDTH, 2.6), layout="constrained")
 responses = {}
 for ratio, colour in ((3.5, BLUE), (5.5, RED)):
-    design = make_design(holding, poles, equilibrium="appendix-a", beta_c=ratio * beta)
+    design = make_design(
+        holding,
+        poles,
+        equilibrium="appendix-a",
+        beta_c=ratio * beta,
+        voltage=voltage_on_plant(holding, beta),
+    )
     response = simulate(
         loop_for(holding, design, continuous=True), design, Scenario(beta, Y + 1e-4)
     )
@@ -261,11 +267,12 @@ assert responses[5.5].metrics.crashed or size[5.5][late].max() > 3 * size[5.5][e
 # - `measured`: $U$ is measured, and the coefficients are $2g/U$ and $2g/(Y + y_0)$. No $\beta$
 #   anywhere.
 #
-# Insert each in the condition and solve for the ratio. These are the largest stable $\beta_c/\beta$
-# at a gap $y$, in closed form:
+# Appendix A computes the controller anew on each plant, with that plant's own $U$ where one is
+# measured: as many controllers as plants. Insert each reading in the condition and solve for the
+# ratio. These are the largest stable $\beta_c/\beta$ at a gap $y$, in closed form:
 
 # %%
-largest = {reading: largest_ratio(reading, measured=False, law=tan_gpi()) for reading in EQUILIBRIA}
+largest = {reading: largest_ratio(tan_gpi(), recomputed=reading) for reading in EQUILIBRIA}
 for reading, value in largest.items():
     print(f"{reading:11s}", "no ratio enters" if value is None else value)
 
@@ -276,11 +283,12 @@ for reading, value in largest.items():
 
 # %%
 exact_ends = {}
+one = make_design(rig, poles)
 for reading in EQUILIBRIA:
-    whole = exact_loop(rig, poles, reading)
-    (at_y,) = ratios_at(whole, reading, Y).spans
+    whole = exact_loop(rig, one, recomputed=reading)
+    (at_y,) = ratios_at(whole, Y).spans
     path_gaps = (rig.reference.end_gap, Y)
-    (over,) = ratios_over(whole, reading, path_gaps).spans
+    (over,) = ratios_over(whole, path_gaps).spans
     exact_ends[reading] = at_y.upper, over.upper
     print(f"{reading:11s} at Y: below {at_y.upper.exact or 'no end'}")
     end = "no end" if math.isinf(over.upper.value) else f"{over.upper.value:.4f}"
@@ -296,7 +304,22 @@ assert math.isinf(exact_ends["measured"][0].value)
 
 # %% [markdown]
 # `appendix-a` gives exactly 5, the inverse of 1/5. `model` gives more than twice that, and
-# `measured` has no end, because there is nothing to be wrong. Now let the ball move. Nearer to the
+# `measured` has no end, because each plant has a controller of its own. A controller that leaves the
+# house is one: its numbers stay, and the ratio moves the plant. Whatever the reading was, its
+# interval is that of its numbers; with the true $U$ typed in, the three readings are one controller.
+
+# %%
+voltage = voltage_on_plant(rig, beta)
+fixed = {
+    reading: make_design(rig, poles, equilibrium=reading, voltage=voltage) for reading in EQUILIBRIA
+}
+for reading, design in fixed.items():
+    (at_y,) = ratios_at(exact_loop(rig, design), Y).spans
+    print(f"{reading:11s} U = {design.believed.U:.4f} V, stable below {at_y.upper.value:.6f}")
+    assert math.isclose(at_y.upper.value, exact_ends["model"][0].value, rel_tol=1e-9)
+
+# %% [markdown]
+# Now let the ball move. Nearer to the
 # magnet $\rho$ and $C_Y'$ both grow, and the condition gets easier; further away it gets harder.
 # Hence the worst of the gaps travelled is the largest, $Y$ itself.
 
@@ -325,8 +348,8 @@ plt.show()
 # %%
 # Check: at 12 mm the exact ends are larger than at Y for both readings.
 for reading in ("model", "appendix-a"):
-    whole = exact_loop(rig, poles, reading)
-    (near,) = ratios_at(whole, reading, 0.012).spans
+    whole = exact_loop(rig, one, recomputed=reading)
+    (near,) = ratios_at(whole, 0.012).spans
     print(f"{reading:11s} at 12 mm: below {near.upper.value:.3f}")
     assert near.upper.value > exact_ends[reading][0].value
     assert exact_ends[reading][1].value == exact_ends[reading][0].value
@@ -341,23 +364,16 @@ for reading in ("model", "appendix-a"):
 
 # %%
 when = timing(decimal(rig.sampling.period), decimal(rig.sampling.delay))
-sampled = {}
-for reading in EQUILIBRIA:
-    own = setting(rig, poles, reading, "tustin")
-    (sampled[reading],) = sampled_ratios_at(own, when, reading, Y).spans
-    low, high = sampled[reading].lower, sampled[reading].upper
-    end = "no end" if math.isinf(high.value) else f"{high.value:.6f}"
-    print(f"{reading:11s} {low.value:.6f} to {end}")
+(span,) = sampled_ratios_at(setting(rig, one), when, Y).spans
+print(f"{span.lower.value:.6f} to {span.upper.value:.6f}")
 
 # %%
-# Check: sampled, each interval is narrower at both ends than the continuous one; each end is
-# enclosed to better than 1e-9 of it.
-for reading in ("model", "appendix-a"):
-    span = sampled[reading]
-    assert span.lower.value > 0
-    assert span.upper.value < exact_ends[reading][0].value
-    assert float(span.upper.high - span.upper.low) < 1e-9 * span.upper.value
-    assert span.contains(Fraction(1))
+# Check: sampled, the interval is narrower at both ends than the continuous one; the end is enclosed
+# to better than 1e-9 of it.
+assert span.lower.value > 0
+assert span.upper.value < exact_ends["model"][0].value
+assert float(span.upper.high - span.upper.low) < 1e-9 * span.upper.value
+assert span.contains(Fraction(1))
 
 # %% [markdown]
 # ## Exercises
@@ -399,7 +415,7 @@ assert math.isclose(np.roots([1] * 5).real.max(), math.cos(2 * math.pi / 5))
 
 # %%
 for speed in (70.0, 30.0):
-    (span,) = gaps_at(exact_loop(rig, PoleSpec.double(1.0, speed), "model"), "model").spans
+    (span,) = gaps_at(exact_loop(rig, make_design(rig, PoleSpec.double(1.0, speed)))).spans
     print(f"omega_n = {speed:g}: stable up to {span.upper.exact} m")
     assert sp.Rational(span.upper.exact) == 5 * sp.Rational("0.0246")
 # At 5.05 Y the plant itself is slower than at Y, and the loop all the same too weak to hold it.

@@ -451,7 +451,7 @@ assert {words[1].partition(".")[0] for words in lines} <= sys.stdlib_module_name
 # %%
 longest = {}
 for method in ("tustin", "euler"):
-    own = setting(rig, poles, "model", method)
+    own = setting(rig, designs[method])
     longest[method] = largest_period(own, T, 0.0, (rig.reference.end_gap, Y))
     print(f"{method:7s} {1e3 * longest[method].stable:.4f} ms")
 assert longest["tustin"].stable > longest["euler"].stable > 7 * T

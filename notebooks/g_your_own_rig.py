@@ -223,8 +223,8 @@ for label, margin, unit, scale in (
 # Check: certified for more than the rig's own 10 %, and for less than the exact interval of the
 # continuous loop, which is a limit for any proof.
 assert certificate.verified()
-loop = exact_loop(rig, result.poles, "model")
-(span,) = ratios_over(loop, "model", problem.family.gaps).spans
+loop = exact_loop(rig, result.design)
+(span,) = ratios_over(loop, problem.family.gaps).spans
 assert Fraction(1, 10) <= certificate.largest_beta_error
 assert 1 + float(certificate.largest_beta_error) < span.upper.value
 print(f"continuous loop, exact: stable below beta_c/beta = {span.upper.value:.3f}")

@@ -114,20 +114,24 @@ def test_a_family_that_leaves_out_a_gap_of_the_path_is_found(
     assert "family covers path, initial gap and Y" in found
 
 
-@pytest.mark.parametrize(
-    "entry", ["gains", "controller_sha256", "difference_equation", "design.beta_c"]
-)
-def test_a_record_that_names_two_controllers_is_found(
+@pytest.mark.parametrize("entry", ["gains", "controller_sha256", "difference_equation"])
+def test_a_record_that_names_two_controllers_is_not_read(
     tuned_record: DesignRecord, tmp_path: Path, entry: str
 ) -> None:
     other = with_controller(tuned_record, PoleSpec.double(1.2, 80.0))
-    changes = {entry: other.document.get(entry)}
-    if entry == "design.beta_c":
-        value = 1.01 * tuned_record.document["design"]["beta_c"]
-        changes = changed(tuned_record.document, entry, value)
-    record = with_document(tuned_record, **changes)
-    names = {"one controller in every place", "beta_c is that of U and Y, or of K, C and m"}
-    assert failed(verdict_of(record, tmp_path / "out")) & names
+    record = with_document(tuned_record, **{entry: other.document[entry]})
+    with pytest.raises(InputError, match=f"{entry} is not that of the design beside it"):
+        verdict_of(record, tmp_path / "out")
+
+
+def test_a_ratio_that_counts_from_another_beta_is_found(
+    tuned_record: DesignRecord, tmp_path: Path
+) -> None:
+    value = 1.01 * tuned_record.document["design"]["beta_c"]
+    record = with_document(tuned_record, **changed(tuned_record.document, "design.beta_c", value))
+    assert "beta_c is that of U and Y, or of K, C and m" in failed(
+        verdict_of(record, tmp_path / "out")
+    )
 
 
 def test_a_certificate_is_proved_again_for_these_coefficients(tuned_record: DesignRecord) -> None:

@@ -229,7 +229,7 @@ def test_every_spread_has_the_unit_of_what_it_spreads() -> None:
     pairs = {f"plant.{name}": name for name in plant}
     pairs |= {"initial.gap": "initial_gap", "initial.velocity": "initial_velocity"}
     pairs |= {"noise.input": "input_noise", "noise.position": "position_noise"}
-    assert set(pairs.values()) | {"beta"} == set(Uncertainty.model_fields)
+    assert set(pairs.values()) | {"beta", "voltage"} == set(Uncertainty.model_fields)
     for name, own in pairs.items():
         assert units[f"uncertainty.{own}"] == units[name]
 

@@ -84,7 +84,7 @@ def scenarios_of(problem: TuningProblem) -> Scenarios:
     """Return what was tuned on."""
     if problem.emulated_runs is not None:
         return "emulated"
-    return "robust" if len(problem.cases) > 1 else "nominal"
+    return "robust" if any(case.flipped for case in problem.cases) else "nominal"
 
 
 def family_as_data(problem: TuningProblem) -> dict[str, Any]:
