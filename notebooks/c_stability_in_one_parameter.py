@@ -304,9 +304,9 @@ assert math.isinf(exact_ends["measured"][0].value)
 
 # %% [markdown]
 # `appendix-a` gives exactly 5, the inverse of 1/5. `model` gives more than twice that, and
-# `measured` has no end, because each plant has a controller of its own. A controller that leaves the
-# house is one: its numbers stay, and the ratio moves the plant. Whatever the reading was, its
-# interval is that of its numbers; with the true $U$ typed in, the three readings are one controller.
+# `measured` has no end, because each plant has a controller of its own. A controller that leaves
+# the house is one: its numbers stay, and the ratio moves the plant. Whatever the reading was, its
+# interval is that of its numbers; with the true $U$ typed in, the three readings are one.
 
 # %%
 voltage = voltage_on_plant(rig, beta)
