@@ -13,6 +13,7 @@ from rigs import SHORT, rig_with
 from maglev_design.choices import DEFAULT_PRESET
 from maglev_design.parameters import load_rig, make_rig
 from maglev_design.record import DesignRecord, rig_as_data
+from maglev_design.report.chapter_emulated import emulated_chapter
 from maglev_design.report.chapters_theory import routh_chapter
 from maglev_design.report.commands import rig_toml, tune_command
 from maglev_design.report.content import Figure, Formula, Quantity, Report, Section, Table
@@ -179,3 +180,25 @@ def test_the_routh_table_has_the_array_of_the_designed_polynomial_first() -> Non
     assert shown == pytest.approx([1, a3, b1, (b1 * a1 - a3 * a0) / b1, a0])
     assert len(corners) == 4
     assert {row[-1] for row in routh.rows} == {("yes",)}
+
+
+def test_what_becomes_of_the_design_on_the_emulated_rig_is_told() -> None:
+    record = tuned()
+    assert emulated_chapter(with_document(record, emulated=None)) is None
+    part: dict[str, Any] = {
+        "ratio": 1.0,
+        "seeds": 4,
+        "lost": 0,
+        "itae": {"median": 2e-4, "low": 1e-4, "high": 3e-4},
+        "total_variation": {"median": 9.0},
+    }
+    own = part | {"worst": part, "effects": ["delay 1 ms"], "period": 0.002, "baseline": None}
+    for found, words in (
+        (own, "Every ball levitates"),
+        (own | {"lost": 2}, "The ball is lost"),
+    ):
+        chapter = emulated_chapter(with_document(record, emulated=found))
+        assert chapter is not None
+        text = repr(chapter)
+        assert words in text
+        assert "delay 1 ms" in text

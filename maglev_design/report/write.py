@@ -13,6 +13,7 @@ from maglev_design.report import chapters_result as results
 from maglev_design.report import chapters_rig as givens
 from maglev_design.report import chapters_theory as theory
 from maglev_design.report import pdf_form
+from maglev_design.report.chapter_emulated import emulated_chapter
 from maglev_design.report.content import Explorer, Paragraph, Report, Section
 from maglev_design.report.derivation_steps import derivation_steps
 from maglev_design.report.escape import one_line
@@ -50,6 +51,7 @@ def report_of(record: DesignRecord) -> Report:
         givens.rig_chapter(record),
         givens.scheme_chapter(record),
         results.worst_chapter(record),
+        emulated_chapter(record),
         results.limits_chapter(record),
         results.certificate_chapter(record),
         results.figures_chapter(record),

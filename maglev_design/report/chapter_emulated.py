@@ -1,0 +1,76 @@
+"""The design on the emulated rig: what the rig file says and the design does not model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from maglev_design.record import DesignRecord
+from maglev_design.report.chapters_theory import RATIO
+from maglev_design.report.commands import tune_command
+from maglev_design.report.content import Paragraph, Quantity, Runs, Section, Strong, Table
+
+
+def emulated_chapter(record: DesignRecord) -> Section | None:
+    """Return what the design does on the emulated rig; None where the rig emulates nothing."""
+    found, pair = record.document.get("emulated"), record.document["baseline"]
+    if found is None:
+        return None
+    rows = [*_rows("design", found)]
+    if found["baseline"] is not None and pair is not None:
+        rows += _rows("yardstick", found["baseline"])
+    table = Table(
+        "emulated",
+        (
+            "The sampled loop with every effect of the rig's own table: medians and 95 % intervals "
+            "over runs with other noise.",
+        ),
+        (
+            ("controller",),
+            (RATIO,),
+            ("ITAE",),
+            ("from",),
+            ("to",),
+            ("voltage variation",),
+            ("balls lost",),
+        ),
+        tuple(rows),
+        tune_command(record),
+        "lrrrrrr",
+    )
+    told: Runs = (
+        f"The rig file says what the design does not model: {', '.join(found['effects'])}. ",
+        "With it, at the period ",
+        Quantity(1e3 * found["period"], "ms"),
+        f", the controller was run {found['seeds']} times with noise. ",
+        Strong(_verdict(found)),
+    )
+    return Section("On the emulated rig", (Paragraph(told), table))
+
+
+def _verdict(found: Mapping[str, Any]) -> str:
+    """Return what the table says, in a sentence."""
+    if found["lost"] or found["worst"]["lost"]:
+        return "The ball is lost: no figure of this report holds on such a rig."
+    other = found["baseline"]
+    if other is None:
+        return "Every ball levitates."
+    worst, theirs = (x["worst"]["itae"]["median"] for x in (found, other))
+    return (
+        "The yardstick has the smaller error there; the ideal figures of the other chapters do not "
+        "know of it."
+        if theirs < worst
+        else "The design has the smaller error there, too."
+    )
+
+
+def _rows(name: str, found: Mapping[str, Any]) -> Iterator[tuple[Runs, ...]]:
+    for part in {part["ratio"]: part for part in (found, found["worst"])}.values():
+        itae = part["itae"]
+        yield (
+            (name,),
+            (Quantity(part["ratio"]),),
+            *((Quantity(itae[key], "m s^2"),) for key in ("median", "low", "high")),
+            (Quantity(part["total_variation"]["median"], "V"),),
+            (f"{part['lost']} of {part['seeds']}",),
+        )
