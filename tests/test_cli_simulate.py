@@ -244,10 +244,10 @@ def test_one_line_says_what_ran(options: dict[str, Any], line: str) -> None:
     [
         (115.0, "is it per cent? 115 % is 1.15"),
         (85.0, "85 % is 0.85"),
-        (-1.0, "0.01 to 100"),
-        (0.0, "0.01 to 100"),
-        (math.nan, "0.01 to 100"),
-        (math.inf, "0.01 to 100"),
+        (-1.0, "0.01 to 20"),
+        (0.0, "0.01 to 20"),
+        (math.nan, "0.01 to 20"),
+        (math.inf, "0.01 to 20"),
     ],
 )
 @pytest.mark.parametrize("design", [False, True])

@@ -32,7 +32,7 @@ from maglev_design.paper.trials import TRIALS, Trial
 from maglev_design.parameters import Emulator, Rig, load_rig, make_rig
 from maglev_design.simulate import Scenario, emulated
 
-RATIOS = (0.01, 100.0)
+RATIOS = (0.01, 20.0)
 """beta_c/beta that can be asked for: a voltage at equilibrium three times too low or too high."""
 PLANT_MOVES = "the plant moves, the controller stays"
 LAWS: dict[ControllerName, str] = {
