@@ -35,11 +35,14 @@ EXACT = ["-O2", "-ffp-contract=off"]
 
 
 def judged(
-    poles: PoleSpec, changes: dict[str, Any] | None = None, equilibrium: Equilibrium = "model"
+    poles: PoleSpec,
+    changes: dict[str, Any] | None = None,
+    equilibrium: Equilibrium = "model",
+    beta_error: float | None = None,
 ) -> DesignRecord:
     """Return the record that a tuning with this answer writes, without the search for it."""
     rig = rig_with(SHORT, {"name": HOSTILE, "uncertainty.beta": 0.1, **(changes or {})})
-    problem = build_problem(rig, equilibrium=equilibrium)
+    problem = build_problem(rig, equilibrium=equilibrium, beta_error=beta_error)
     figures = judge(problem, poles)
     design = design_at(problem, poles)
     check = resimulate(rig, design, nominal_scenario(rig, design.believed.beta))

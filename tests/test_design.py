@@ -172,6 +172,25 @@ def test_a_controller_has_a_name_that_its_numbers_alone_decide() -> None:
     assert len({own.sha256, *(design.sha256 for design in others)}) == 1 + len(others)
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"Y": 0.02},
+        {"period": 0.002},
+        {"voltage_limits": (-1.0, 5.0)},
+        {"reference": (0.0242, 0.012, 0.1, 0.4)},
+        {"gains": (1.0, 2.0, 3.0, 4.0)},
+        {"coefficients": {}},
+        {"method": "euler"},
+        {"believed": designs.Believed(2.0, 9.0, 790.0, 1e-3)},
+    ],
+    ids=lambda change: next(iter(change)),
+)
+def test_no_number_of_a_controller_is_left_out_of_its_name(change: dict[str, Any]) -> None:
+    own = designs.make_design(rig_with(SHORT), PoleSpec.double(1, 70))
+    assert dataclasses.replace(own, **change).sha256 != own.sha256
+
+
 def test_given_gains_are_the_gains() -> None:
     gains = (1.0e7, 1.0e6, 3.0e4, 270.0)
     design = designs.make_design(rig_with(SHORT), PoleSpec.double(1, 70), gains=gains)

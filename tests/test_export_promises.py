@@ -134,6 +134,13 @@ def test_a_ratio_that_counts_from_another_beta_is_found(
     )
 
 
+def test_a_certificate_is_proved_again_for_the_interval_that_was_asked_for() -> None:
+    record = judged(PoleSpec.double(1.0, 70.0), beta_error=0.2)
+    assert record.document["family"]["ratios"] == [0.8, 1.2]
+    (check,) = certificate(controller_of(record, "maglev"))
+    assert check.passed
+
+
 def test_a_certificate_is_proved_again_for_these_coefficients(tuned_record: DesignRecord) -> None:
     (check,) = certificate(controller_of(tuned_record, "maglev"))
     assert check.passed

@@ -191,6 +191,16 @@ def test_no_sampled_ratio_is_worse_than_the_worst(
     assert low <= result.figures.ratio <= high
 
 
+def test_a_loop_that_is_just_unstable_has_no_ms(problem: TuningProblem) -> None:
+    late = build_problem(quick({"sampling.delay": 0.004}))
+    figures = judge(late, PoleSpec.double(1.0, 70.0))
+    assert 1 < figures.radius < 2
+    assert figures.ms == math.inf
+    (ms,) = [c for c in figures.constraints if c.name == "Ms"]
+    assert (ms.value, ms.satisfied) == (math.inf, False)
+    assert math.isfinite(judge(problem, PoleSpec.double(1.0, 70.0)).ms)
+
+
 def test_an_independent_integrator_agrees(result: TuneResult) -> None:
     for check, figures in (
         (result.verification, result.figures),
