@@ -192,7 +192,7 @@ def test_no_sampled_ratio_is_worse_than_the_worst(
 
 
 def test_a_loop_that_is_just_unstable_has_no_ms(problem: TuningProblem) -> None:
-    late = build_problem(quick({"sampling.delay": 0.004}))
+    late = build_problem(quick({"sampling.delay": 0.006}))
     figures = judge(late, PoleSpec.double(1.0, 70.0))
     assert 1 < figures.radius < 2
     assert figures.ms == math.inf
