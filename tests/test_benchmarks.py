@@ -66,6 +66,12 @@ def test_every_target_is_there(reports: Path) -> None:
     assert {"C by hand", "interpreted", "SciPy LSODA", "CasADi cvodes"} <= contenders
 
 
+def test_every_part_of_a_tuning_is_measured(reports: Path) -> None:
+    parts = json.loads((reports / "performance.json").read_text())["tune"]["own"]
+    for name in ("solve", "rows", "verification", "plain_seconds", "carrying_seconds"):
+        assert parts[name] > 0, name
+
+
 def test_the_figures_can_be_drawn(reports: Path) -> None:
     for path in (reports / "performance").glob("*.svg"):
         assert ET.parse(path).getroot().tag.endswith("svg")  # noqa: S314 - our own file

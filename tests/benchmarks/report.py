@@ -90,7 +90,7 @@ def targets(found: Data) -> list[Target]:
             "more live values than vector registers",
         ),
         Target(
-            "robust tune, verification apart, in yardsticks",
+            "robust tune, verification and rows of its own apart, in yardsticks",
             2000,
             own["solve"] / tune["yardstick"],
             f"{share:.0%} of the time is in simulate_batch ({own['plain_loops']} loops and "
@@ -253,6 +253,7 @@ def text(found: Data) -> str:
                     ("search, judgement and alternatives", own["solve"]),
                     ("of it: loops", own["plain_seconds"]),
                     ("of it: loops with gradients", own["carrying_seconds"]),
+                    ("what measuring U would bring, and the emulated rig", own["rows"]),
                     ("independent verification", own["verification"]),
                 )
             ],
