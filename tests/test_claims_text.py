@@ -154,3 +154,21 @@ def test_the_comparison_page_escapes_the_rig_and_shows_the_figures() -> None:
     assert "Counterpart of Fig. 3" in page
     widths = {line.count("|") - line.count("\\|") for line in page.splitlines() if line[:2] == "| "}
     assert widths == {9, 8, 7, 6}
+
+
+def test_the_comparison_opens_with_both_stories() -> None:
+    assert comparison_text.headline(COMPARISON) is None
+    rows = [
+        *COMPARISON["results"],
+        result("TAN-GPI tuned", "nominal", itae=0.5, total_variation=3.0),
+        result("TAN-GPI tuned", "noise", itae=3.0, total_variation=0.75),
+    ]
+    alive = [{**row, "crashed_share": 0.0} for row in rows]
+    told = comparison_text.headline({**COMPARISON, "results": alive})
+    assert told is not None
+    assert "Test 1: ITAE 3 times smaller, with 2 times the voltage variation" in told
+    assert "Test 2: ITAE 2 times larger, with 0.5 times the voltage variation" in told
+    alive[-1]["crashed_share"] = 0.2
+    told = comparison_text.headline({**COMPARISON, "results": alive})
+    assert told is not None
+    assert "Test 2: balls lost (tuned)" in told

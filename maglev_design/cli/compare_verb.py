@@ -22,6 +22,7 @@ from maglev_design.plain import finite
 from maglev_design.record import load, rig_as_data
 from maglev_design.report.comparison_text import (
     guesses,
+    headline,
     margin_table,
     markdown,
     ordering_table,
@@ -163,6 +164,9 @@ def _write(
 
 
 def _print(document: dict[str, Any]) -> None:
+    told = headline(document)
+    if told is not None:
+        sys.stdout.write(f"{told}\n\n")
     for drawn in result_tables(document):
         table(drawn.title, drawn.header, drawn.rows, words=drawn.words)
     drawn = margin_table(document)

@@ -137,6 +137,35 @@ def ordering_table(document: Mapping[str, Any], trial: Mapping[str, Any]) -> Tab
     return Table(trial["title"], head, tuple(rows), words=2)
 
 
+def headline(document: Mapping[str, Any]) -> str | None:
+    """Return what the tuned poles bring in each test, the emulated rig included, in a sentence.
+
+    None where the tuned design is not among the results.
+    """
+    parts = []
+    for trial in document["tests"]:
+        found = {
+            r["label"]: r
+            for r in reversed(document["results"])
+            if r["test"] == trial["name"] and r["variant"] == "default"
+        }
+        tuned, paper = found.get("TAN-GPI tuned"), found.get("TAN-GPI")
+        if tuned is None or paper is None:
+            continue
+        lost = [name for name, r in (("tuned", tuned), ("paper's", paper)) if r["crashed_share"]]
+        if lost:
+            parts.append(f"{trial['title']}: balls lost ({', '.join(lost)})")
+            continue
+        gain, effort = (tuned[key] / paper[key] for key in ("itae", "total_variation"))
+        change = f"{1 / gain:.3g} times smaller" if gain < 1 else f"{gain:.3g} times larger"
+        parts.append(
+            f"{trial['title']}: ITAE {change}, with {effort:.3g} times the voltage variation"
+        )
+    if not parts:
+        return None
+    return f"The tuned poles against the paper's, TAN-GPI both. {'; '.join(parts)}."
+
+
 def guesses(document: Mapping[str, Any]) -> tuple[str, ...]:
     """Return one sentence for each controller whose reading is a guess."""
     found = {r["label"]: r["guess"] for r in document["results"] if r["guess"]}
@@ -183,6 +212,7 @@ def markdown(document: Mapping[str, Any], command: str, figures: Sequence[str]) 
         "the applied one; settling is to 2 % of the initial error before the move, undershoot a "
         "share of it.",
         "",
+        *((f"**{markdown_line(told)}**", "") if (told := headline(document)) else ()),
         *(f"- {text}" for text in guesses(document)),
         "",
         "## Results",
