@@ -78,6 +78,11 @@ class DesignRecord:
     curves: Curves
 
 
+def called(document: Mapping[str, Any]) -> str:
+    """Return what a record's design is called beside others: found by a search, or given."""
+    return "given" if document["status"] == "judged" else "tuned"
+
+
 def rig_as_data(rig: Rig) -> dict[str, Any]:
     """Return the rig as JSON data; an unlimited upper bound is None."""
     return dict(finite(rig.model_dump(exclude_none=True)))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
 import tomllib
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,8 +16,9 @@ from maglev_design.choices import DEFAULT_PRESET
 from maglev_design.parameters import load_rig, make_rig
 from maglev_design.record import DesignRecord, rig_as_data
 from maglev_design.report.chapter_emulated import emulated_chapter
+from maglev_design.report.chapters_result import summary_chapter, worst_chapter
 from maglev_design.report.chapters_theory import routh_chapter
-from maglev_design.report.commands import rig_toml, tune_command
+from maglev_design.report.commands import design_command, rig_toml
 from maglev_design.report.content import Figure, Formula, Quantity, Report, Section, Table
 from maglev_design.report.derivation_steps import _read, derivation_steps
 from maglev_design.report.escape import latex_text, markdown_code, markdown_text, one_line
@@ -89,9 +92,9 @@ def with_document(record: DesignRecord, **changes: Any) -> DesignRecord:
 
 def test_the_command_names_every_choice_that_is_no_default() -> None:
     record = tuned()
-    assert tune_command(record) == "maglev-design tune --rig rig.toml --pareto -o design"
+    assert design_command(record) == "maglev-design tune --rig rig.toml --pareto -o design"
     plain = with_document(record, pareto=None)
-    assert tune_command(plain) == "maglev-design tune --rig rig.toml -o design"
+    assert design_command(plain) == "maglev-design tune --rig rig.toml -o design"
     changed = with_document(
         record,
         objective="ise",
@@ -108,7 +111,7 @@ def test_the_command_names_every_choice_that_is_no_default() -> None:
             {"name": "Lyapunov certificate", "limit": 1.0},
         ],
     )
-    words = tune_command(changed)
+    words = design_command(changed)
     for option in (
         "--objective ise",
         "--equilibrium measured",
@@ -131,7 +134,7 @@ def test_a_preset_is_named() -> None:
     rig = load_rig(DEFAULT_PRESET)
     record = tuned()
     own = DesignRecord(rig, record.design, {**record.document, "rig": rig_as_data(rig)}, {})
-    assert f"--rig {DEFAULT_PRESET}" in tune_command(own)
+    assert f"--rig {DEFAULT_PRESET}" in design_command(own)
 
 
 def test_the_rig_file_of_a_report_reads_back_as_the_rig() -> None:
@@ -195,10 +198,55 @@ def test_what_becomes_of_the_design_on_the_emulated_rig_is_told() -> None:
     own = part | {"worst": part, "effects": ["delay 1 ms"], "period": 0.002, "baseline": None}
     for found, words in (
         (own, "Every ball levitates"),
-        (own | {"lost": 2}, "The ball is lost"),
+        (own | {"lost": 2}, "the ball is lost"),
     ):
         chapter = emulated_chapter(with_document(record, emulated=found))
         assert chapter is not None
         text = repr(chapter)
         assert words in text
         assert "delay 1 ms" in text
+        summary = repr(summary_chapter(with_document(record, emulated=found)))
+        assert ("the ball is lost" in summary) == bool(found["lost"])
+
+
+def as_judged(record: DesignRecord, **more: Any) -> DesignRecord:
+    return with_document(record, status="judged", message="judged", alternatives=[], **more)
+
+
+def test_a_design_that_was_given_is_not_called_the_best_nor_tuned() -> None:
+    record = tuned()
+    whole = str(summary_chapter(record))
+    assert "the smallest" in whole
+    for status in ("judged", "interrupted", "infeasible"):
+        assert "the smallest" not in str(summary_chapter(with_document(record, status=status)))
+    told = str(worst_chapter(as_judged(record)))
+    assert "given, nominal" in told
+    assert "tuned, nominal" not in told
+
+
+def test_the_command_of_a_given_design_gives_it_again() -> None:
+    record = tuned()
+    words = shlex.split(design_command(as_judged(record)))
+    assert words[:2] == ["maglev-design", "design"]
+    zeta, omega_n = record.design.poles.first
+    assert float(words[words.index("--zeta") + 1]) == zeta
+    assert float(words[words.index("--omega-n") + 1]) == omega_n
+    gains = (1e7, 1.1e6, 3.1e4, 270.0)
+    other = replace(as_judged(record), design=replace(record.design, gains=gains))
+    words = shlex.split(design_command(other))
+    assert words[words.index("--gains") + 1] == "k0=10000000.0,k1=1100000.0,k2=31000.0,k3=270.0"
+
+
+def test_a_yardstick_that_is_better_is_said_to_be() -> None:
+    record = tuned()
+    base = {
+        "zeta": 0.9,
+        "omega_n": 60.0,
+        "improvement": 0.5,
+        "feasible": True,
+        "violated": [],
+        "worst_case": record.document["worst_case"],
+    }
+    changed = with_document(record, baseline=base)
+    assert "times larger than" in str(summary_chapter(changed))
+    assert "--baseline 0.9 60" in design_command(changed)

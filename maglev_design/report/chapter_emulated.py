@@ -7,7 +7,7 @@ from typing import Any
 
 from maglev_design.record import DesignRecord
 from maglev_design.report.chapters_theory import RATIO
-from maglev_design.report.commands import tune_command
+from maglev_design.report.commands import design_command
 from maglev_design.report.content import Paragraph, Quantity, Runs, Section, Strong, Table
 
 
@@ -35,7 +35,7 @@ def emulated_chapter(record: DesignRecord) -> Section | None:
             ("balls lost",),
         ),
         tuple(rows),
-        tune_command(record),
+        design_command(record),
         "lrrrrrr",
     )
     told: Runs = (
@@ -48,10 +48,18 @@ def emulated_chapter(record: DesignRecord) -> Section | None:
     return Section("On the emulated rig", (Paragraph(told), table))
 
 
+LOST = "On the rig that the file describes the ball is lost: no other figure of this report holds."
+
+
+def is_lost(found: Mapping[str, Any] | None) -> bool:
+    """Whether any run on the emulated rig loses the ball."""
+    return found is not None and bool(found["lost"] or found["worst"]["lost"])
+
+
 def _verdict(found: Mapping[str, Any]) -> str:
     """Return what the table says, in a sentence."""
-    if found["lost"] or found["worst"]["lost"]:
-        return "The ball is lost: no figure of this report holds on such a rig."
+    if is_lost(found):
+        return LOST
     other = found["baseline"]
     if other is None:
         return "Every ball levitates."

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from maglev_design.record import DesignRecord
+from maglev_design.record import DesignRecord, called
 from maglev_design.report import prose
-from maglev_design.report.commands import REPORT, tune_command
+from maglev_design.report.chapter_emulated import LOST, is_lost
+from maglev_design.report.commands import REPORT, design_command
 from maglev_design.report.content import (
     Block,
     Code,
@@ -56,7 +57,8 @@ def summary_chapter(record: DesignRecord) -> Section:
         *poles_runs(document["poles"]),
         ", the same pair twice, eq. " if _double(document) else ". ",
         *((Link("24"), ".") if _double(document) else ()),
-        f" They have the smallest {key.upper()} of the tracking error at its worst over ",
+        f" They have {_rank(document['status'])} {key.upper()} of the tracking error at its worst "
+        "over ",
         RATIO,
         " from ",
         Quantity(low),
@@ -68,16 +70,30 @@ def summary_chapter(record: DesignRecord) -> Section:
         ".",
     )
     status: Runs = (Strong("Status: "), document["message"])
-    return Section("The result", (Paragraph(first), Paragraph(status)))
+    lost = is_lost(document["emulated"])
+    warning = (Paragraph((Strong(LOST),)),) if lost else ()
+    return Section("The result", (*warning, Paragraph(first), Paragraph(status)))
+
+
+def _rank(status: str) -> str:
+    """Return what is said of the objective: only the end of a search says that it is smallest."""
+    return "the smallest" if status in ("optimal", "on_bound") else "this"
+
+
+def _is_better(other: Mapping[str, Any]) -> bool:
+    """Whether an alternative keeps the limits and has the smaller worst case."""
+    return bool(other["feasible"] and (other["improvement"] is None or other["improvement"] > 1))
 
 
 def _compared(base: Mapping[str, Any]) -> Runs:
-    """Return by how much the design is better than the yardstick."""
+    """Return by how much the design is better than the yardstick, or worse."""
     broken = f" (a choice that breaks these: {', '.join(base['violated'])})"
+    factor = base["improvement"]
+    smaller = factor is None or factor >= 1
     return (
         ", ",
-        times_runs(base["improvement"]),
-        " times smaller than with ",
+        times_runs(factor if smaller else 1 / factor),
+        f" times {'smaller' if smaller else 'larger'} than with ",
         ZETA,
         " = ",
         Quantity(base["zeta"]),
@@ -131,9 +147,14 @@ def worst_chapter(record: DesignRecord) -> Section:
             Quantity(high),
             ", and on the plant that the controller believes in.",
         ),
-        (("figure",), ("tuned",), *((("yardstick",),) if others else ()), ("tuned, nominal",)),
+        (
+            ("figure",),
+            (called(document),),
+            *((("yardstick",),) if others else ()),
+            (f"{called(document)}, nominal",),
+        ),
         tuple(rows),
-        tune_command(record),
+        design_command(record),
         "l" + "r" * len(columns),
     )
     share = _share(document["worst_case"]["itae_split"])
@@ -179,7 +200,7 @@ def limits_chapter(record: DesignRecord) -> Section:
     signs = {"upper": Maths(r"\le"), "lower": Maths(r"\ge")}
     limits = Table(
         "limits",
-        ("What the tuning had to keep, each at its worst.",),
+        ("The limits, each at its worst.",),
         (("limit",), ("value",), ("allowed",), ("kept",)),
         tuple(
             (
@@ -192,7 +213,7 @@ def limits_chapter(record: DesignRecord) -> Section:
             )
             for c in document["constraints"]
         ),
-        tune_command(record),
+        design_command(record),
         "lrrl",
     )
     shown = (
@@ -216,7 +237,7 @@ def limits_chapter(record: DesignRecord) -> Section:
             )
             for label, key, unit in shown
         ),
-        tune_command(record),
+        design_command(record),
         "lrrr",
     )
     told = Paragraph(
@@ -250,14 +271,20 @@ def verification_chapter(record: DesignRecord) -> Section:
     """Return how the optimum was checked."""
     document = record.document
     key, check = document["objective"], document["verification"]
-    rows = [("tuned", document["worst_case"], check)]
+    rows = [(called(document), document["worst_case"], check)]
     base = document["baseline"]
     if base is not None:
         rows.append(("yardstick", base["worst_case"], base["verification"]))
     table = Table(
         "verification",
         (f"The worst-case {key.upper()}, computed twice.",),
-        (("design",), ("as tuned",), ("second integrator",), ("relative difference",), ("passed",)),
+        (
+            ("design",),
+            ("first integrator",),
+            ("second integrator",),
+            ("relative difference",),
+            ("passed",),
+        ),
         tuple(
             (
                 (name,),
@@ -268,7 +295,7 @@ def verification_chapter(record: DesignRecord) -> Section:
             )
             for name, found, again in rows
         ),
-        tune_command(record),
+        design_command(record),
         "lrrrl",
     )
     told = Paragraph(
@@ -316,12 +343,12 @@ def alternatives_chapter(record: DesignRecord) -> Section | None:
             ("limits kept",),
         ),
         tuple(rows),
-        tune_command(record),
+        design_command(record),
         "lrrrrl",
     )
     blocks: list[Block] = [table]
     planned = next((a for a in document["alternatives"] if a["kind"] == "planning"), None)
-    if planned is not None:
+    if planned is not None and _is_better(planned):
         blocks.append(
             Paragraph(
                 (
@@ -392,7 +419,7 @@ CAPTIONS: Mapping[str, Runs] = {
     "voltage": ("Commanded voltage; dotted is the actuator's range.",),
     "landscape": (
         "The worst case over the whole search box: darker is better. Lines are the limits, the "
-        "star is the design, the disc the yardstick.",
+        "star is the design, a disc the yardstick.",
     ),
     "trade_off": prose.runs(
         "What robustness costs: each point is a placement that keeps every limit, with the error "

@@ -12,10 +12,10 @@ from maglev_design.report import prose
 from maglev_design.report.commands import (
     REPORT,
     RIG_FILE,
+    design_command,
     preset_of,
     rig_toml,
     simulate_command,
-    tune_command,
 )
 from maglev_design.report.content import (
     Bullets,
@@ -59,7 +59,7 @@ def rig_chapter(record: DesignRecord) -> Section:
         ("The rig: every number that the design rests on.",),
         (("key",), ("meaning",), ("value",)),
         rows,
-        tune_command(record),
+        design_command(record),
         "lpr",
     )
     return Section("The rig", (*says, table))
@@ -150,7 +150,7 @@ def scheme_chapter(record: DesignRecord) -> Section:
         ),
         (("letter",), ("meaning",), ("value",)),
         tuple(rows),
-        tune_command(record),
+        design_command(record),
         "llr",
     )
     difference = Table(
@@ -161,7 +161,7 @@ def scheme_chapter(record: DesignRecord) -> Section:
             ((Code(name),), (Quantity(value, EQUATION_UNITS[name], 17),))
             for name, value in document["difference_equation"].items()
         ),
-        tune_command(record),
+        design_command(record),
         "lr",
     )
     return Section("The control scheme", (told, figure, controller, difference))
@@ -179,7 +179,7 @@ def commands_chapter(record: DesignRecord) -> Section:
         Listing(
             "\n".join(
                 (
-                    tune_command(record),
+                    design_command(record),
                     REPORT,
                     simulate_command(record.document["family"]["ratios"][0]),
                 )

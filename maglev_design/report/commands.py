@@ -9,7 +9,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from maglev_design.choices import DEFAULT_MAX_MS
-from maglev_design.parameters import load_rig, preset_names
+from maglev_design.design import PAPER_POLES, gains_program
+from maglev_design.parameters import is_papers, load_rig, preset_names
 from maglev_design.record import DesignRecord, rig_as_data
 
 RIG_FILE = "rig.toml"
@@ -24,8 +25,17 @@ def preset_of(record: DesignRecord) -> str | None:
     )
 
 
-def tune_command(record: DesignRecord) -> str:
-    """Return the command that finds the design again, with every choice that is no default."""
+def design_command(record: DesignRecord) -> str:
+    """Return the command that makes the design again, with every choice that is no default."""
+    words = [*_choices(record), *_baseline(record)]
+    judged = record.document["status"] == "judged"
+    words += _given(record) if judged else _searched(record)
+    verb = "design" if judged else "tune"
+    return shlex.join(["maglev-design", verb, *words, "-o", "design"])
+
+
+def _choices(record: DesignRecord) -> list[str]:
+    """Return the options that a tuning and a judgement have in common."""
     from maglev_design.tune import problem as defaults  # noqa: PLC0415 - imports the solvers
 
     document, rig = record.document, record.rig
@@ -44,11 +54,6 @@ def tune_command(record: DesignRecord) -> str:
             defaults.DEFAULT_NOISE_SHARE * (high - low),
         ),
         ("--scenarios", document["scenarios"], "nominal"),
-        (
-            "--poles",
-            "double" if document["poles"][0] == document["poles"][1] else "distinct",
-            "double",
-        ),
         ("--seed", document["seed"], 0),
     )
     for option, value, default in choices:
@@ -56,16 +61,47 @@ def tune_command(record: DesignRecord) -> str:
             words += [option, _typed(value)]
     if not {"largest commanded voltage", "smallest commanded voltage"} & limits.keys():
         words += ["--allow-saturation"]
-    words += ["--certify"] if defaults.CERTIFICATE in limits else []
+    return words
+
+
+def _baseline(record: DesignRecord) -> list[str]:
+    """Return the poles that the design was compared with, where that was asked for."""
+    base = record.document["baseline"]
+    if base is None or (is_papers(record.rig) and (base["zeta"], base["omega_n"]) == PAPER_POLES):
+        return []
+    return ["--baseline", _typed(base["zeta"]), _typed(base["omega_n"])]
+
+
+def _given(record: DesignRecord) -> list[str]:
+    """Return the poles, or the gains where no poles place exactly these."""
+    design = record.design
+    if gains_program(design.controller).scalar()(*design.poles.values) != design.gains:
+        gains = ",".join(f"{name}={value!r}" for name, value in design.named_gains.items())
+        return ["--gains", gains]
+    (zeta, omega_n), second = design.poles.first, design.poles.second
+    if (zeta, omega_n) != second:
+        return ["--poles", *(_typed(x) for x in design.poles.values)]
+    return ["--zeta", _typed(zeta), "--omega-n", _typed(omega_n)]
+
+
+def _searched(record: DesignRecord) -> list[str]:
+    """Return the options of the search alone."""
+    from maglev_design.tune import problem as defaults  # noqa: PLC0415 - imports the solvers
+
+    document, words = record.document, []
+    first, second = document["poles"]
+    words += [] if first == second else ["--poles", "distinct"]
+    limited = {c["name"] for c in document["constraints"]}
+    words += ["--certify"] if defaults.CERTIFICATE in limited else []
     words += ["--pareto"] if document.get("pareto") else []
     searched = document["bounds"]
     for option, bounds, usual in (
         ("--zeta-bounds", searched["zeta"], defaults.ZETA_BOUNDS),
-        ("--omega-bounds", searched["omega_n"], defaults.default_omega_bounds(rig)),
+        ("--omega-bounds", searched["omega_n"], defaults.default_omega_bounds(record.rig)),
     ):
         if tuple(bounds) != tuple(usual):
             words += [option, *map(_typed, bounds)]
-    return shlex.join(["maglev-design", "tune", *words, "-o", "design"])
+    return words
 
 
 REPORT = "maglev-design report design/design.json -o report"

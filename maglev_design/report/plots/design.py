@@ -12,6 +12,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from maglev_design.record import called
 from maglev_design.report.plots.style import (
     BLUE,
     GREEN,
@@ -52,7 +53,7 @@ def tracking(curves: Curves, document: Mapping[str, Any]) -> Figure:
     t = curves["times"]
     for name, colour, dash, label in _compared(document):
         axes.plot(t, 1e3 * curves[f"{name}_gap"], color=colour, ls=dash, label=label)
-    axes.plot(t, 1e3 * curves["worst_gap"], color=RED, label=_tuned_label(document))
+    axes.plot(t, 1e3 * curves["worst_gap"], color=RED, label=_design_label(document))
     axes.plot(t, 1e3 * curves["reference"], color="black", lw=0.9, ls=":", label="reference $y^*$")
     axes.set(xlabel="time $t$ [s]", ylabel="gap $y$ [mm]", title=_title(document, "Tracking"))
     axes.margins(x=0)
@@ -68,8 +69,8 @@ def error(curves: Curves, document: Mapping[str, Any]) -> Figure:
     early = _start(t, document)
     for name, colour, dash, label in (
         *_compared(document),
-        ("worst", RED, "-", _tuned_label(document)),
-        ("nominal", GREEN, "-.", "tuned, exact beta"),
+        ("worst", RED, "-", _design_label(document)),
+        ("nominal", GREEN, "-.", f"{called(document)}, exact beta"),
     ):
         e = 1e6 * (curves[f"{name}_gap"] - reference)
         left.plot(t[early], e[early], color=colour, ls=dash)
@@ -102,7 +103,7 @@ def voltage(curves: Curves, document: Mapping[str, Any]) -> Figure:
     for axes, part in ((left, early), (right, slice(None))):
         for name, colour, dash, label in (
             *_compared(document),
-            ("worst", RED, "-", _tuned_label(document)),
+            ("worst", RED, "-", _design_label(document)),
         ):
             u = curves[f"{name}_commanded"]
             axes.step(t[part], u[part], where="post", color=colour, ls=dash, label=label)
@@ -141,7 +142,7 @@ def landscape(curves: Curves, document: Mapping[str, Any]) -> Figure:
             )
             axes.plot([], [], color=colour, ls=dash, label=f"limit: {name}")
     for n, (damping, speed) in enumerate(sorted(map(tuple, document["poles"]))):
-        label = "tuned" if n == 0 else None
+        label = called(document) if n == 0 else None
         axes.plot(speed, damping, "*", color=RED, ms=13, mec="white", label=label)
     base = document["baseline"]
     if base is not None:
@@ -195,10 +196,10 @@ def _title(document: Mapping[str, Any], text: str) -> str:
     return f"{text} - {literal(document['rig']['name'])}"
 
 
-def _tuned_label(document: Mapping[str, Any]) -> str:
+def _design_label(document: Mapping[str, Any]) -> str:
     pairs = {tuple(pair) for pair in document["poles"]}
     poles = ", ".join(f"$\\zeta={z:.3g}$, $\\omega_n={w:.4g}$" for z, w in sorted(pairs))
-    return f"tuned ({poles}), ratio {document['worst_case']['ratio']:.3g}"
+    return f"{called(document)} ({poles}), ratio {document['worst_case']['ratio']:.3g}"
 
 
 def _compared(document: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
