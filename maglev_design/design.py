@@ -6,21 +6,24 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design.choices import EQUILIBRIA, METHODS, TAN_GPI, Controller, Equilibrium, Method
 from maglev_design.errors import InputError, check_numbers, check_word
-from maglev_design.files import digest
-from maglev_design.lowering import Program
+from maglev_design.files import digest, finite
+from maglev_design.options import EQUILIBRIA, METHODS, TAN_GPI, Controller, Equilibrium, Method
 from maglev_design.parameters import Rig
-from maglev_design.plain import finite
-from maglev_design.programs import program
-
-if TYPE_CHECKING:
-    from maglev_design.symbolic.laws import ControlLaw
+from maglev_design.programs import (
+    believed_program,
+    beta_program,
+    coefficients_program,
+    gains_program,
+    path_voltage_program,
+    plant_program,
+    reference_program,
+)
 
 PAPER_POLES = (1.0, 70.0)
 """zeta_d and omega_nd of sec. 4: the yardstick of every tuning."""
@@ -92,7 +95,7 @@ class Design:
         Gap of the equilibrium [m].
     coefficients : mapping of str to float
         Of the difference equation: see
-        :func:`maglev_design.symbolic.running.difference_equation`.
+        :func:`maglev_design.symbolic.sampling.difference_equation`.
     period : float
         T [s].
     voltage_limits : tuple of float
@@ -182,66 +185,9 @@ def timing(period: float, delay: float) -> Timing:
     return Timing(int(whole), part, int(whole) + (1 if part > 0 else 0))
 
 
-def law(controller: Controller = TAN_GPI) -> ControlLaw:
-    """Return the law of a controller, derived once a process."""
-    from maglev_design.programs.derived import law as derived  # noqa: PLC0415 - imports SymPy
-
-    return derived(controller)
-
-
 def gain_names(controller: Controller) -> tuple[str, ...]:
     """Return the names of a law's gains, in the order of ``Design.gains``."""
     return gains_program(controller).outputs
-
-
-def gains_program(controller: Controller = TAN_GPI) -> Program:
-    """Return the program (zeta_1, omega_1, zeta_2, omega_2) -> the law's gains."""
-    return program("gains", controller)
-
-
-def coefficients_program(method: Method, controller: Controller = TAN_GPI) -> Program:
-    """Return the program (C_U^, C_Y^, [beta_c, g, Y, y0,] T, u_min, u_max, gains) -> coefficients.
-
-    What stands in brackets only where the law uses it.
-    """
-    return program("coefficients", method, controller)
-
-
-def slope_program(controller: Controller = TAN_GPI) -> Program:
-    """Return the program (u, y_ref, beta_c, y0) -> (slope of the command in w, loop gain^).
-
-    The second is the gain C_U times slope that the controller reckons with, in C_U^.
-    """
-    return program("slope", controller)
-
-
-def believed_program(equilibrium: Equilibrium) -> Program:
-    """Return the program (g, beta_c, Y, y0, U) -> (U_hat, C_U_hat, C_Y_hat, beta_hat)."""
-    return program("believed", equilibrium)
-
-
-def plant_program() -> Program:
-    """Return the program (g, beta, y0, y) -> (U, C_U, C_Y) of the true equilibrium at gap y."""
-    return program("plant")
-
-
-def beta_program() -> Program:
-    """Return the program (m, C, K) -> beta = K C^2/m."""
-    return program("beta")
-
-
-def _path_voltage_program() -> Program:
-    return program("path_voltage")
-
-
-def reference_program() -> Program:
-    """Return the program (t, start_gap, end_gap, start_time, end_time) -> (y*, y*', y*'')."""
-    return program("reference")
-
-
-def peak_program() -> Program:
-    """Return the program (start_gap, end_gap, start_time, end_time) -> largest |y*''|."""
-    return program("peak")
 
 
 def plant_beta(rig: Rig) -> float:
@@ -472,7 +418,7 @@ def check_path_voltage(rig: Rig) -> None:
         )
     gap = np.append(gap, rig.initial.gap)
     acceleration = np.append(acceleration, 0.0)
-    (need,) = _path_voltage_program().numpy()(
+    (need,) = path_voltage_program().numpy()(
         rig.plant.gravity, plant_beta(rig), rig.plant.gap_offset, gap, acceleration
     )
     low, high = rig.limits.voltage

@@ -6,10 +6,10 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from maglev_design.choices import CONTROLLERS, EQUILIBRIA, METHODS, Controller
 from maglev_design.design import Believed, Design, PoleSpec, gain_names
 from maglev_design.errors import InputError
-from maglev_design.plain import finite
+from maglev_design.files import finite
+from maglev_design.options import CONTROLLERS, EQUILIBRIA, METHODS, Controller
 
 
 def design_as_data(design: Design) -> dict[str, Any]:

@@ -1,16 +1,27 @@
-"""Writing without losing anything, folders with a mark, and documents that are whole."""
+"""All that reads and writes: whole files, folders with a mark, documents, and the user's cache.
+
+A document is JSON with its own hash. The cache folder keeps what was derived or printed once for
+the next process. An entry is named after the hash of everything that it was made from and begins
+with the hash of its own content. It is written beside its place and renamed, so that processes may
+read and write the same entry at once; one that is damaged is made anew. Nothing in the folder is
+needed: without it everything is made again.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
+import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from maglev_design.errors import InputError
+
+T = TypeVar("T")
 
 MARK = ".maglev-design"
 """A file of this name says that this program made the folder and may write into it again."""
@@ -65,6 +76,22 @@ def output_folder(path: Path, *, force: bool) -> Path:
     return path
 
 
+def finite(value: Any) -> Any:
+    """Return what a JSON document can hold: no infinity and no nan, lists, Python's own numbers.
+
+    Infinities and nan become None, tuples lists, and what is NumPy's Python's.
+    """
+    if isinstance(value, Mapping):
+        return {str(key): finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    if hasattr(value, "tolist"):  # an array or a scalar of NumPy, which is not imported for this
+        return finite(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
 def digest(document: Mapping[str, Any]) -> str:
     """Return the SHA-256 of a JSON document, whatever its layout, without its key ``sha256``.
 
@@ -106,3 +133,60 @@ def read_document(path: Path, kind: str, largest: int) -> dict[str, Any]:
     if not isinstance(document, dict):
         raise InputError(f"{path}: not {kind} (a table is needed)")
     return document
+
+
+def cache_folder() -> Path:
+    """Return ``MAGLEV_DESIGN_CACHE`` where it is set, else the folder in the user's cache."""
+    chosen = os.environ.get("MAGLEV_DESIGN_CACHE")
+    if chosen:
+        return Path(chosen)
+    base = os.environ.get("XDG_CACHE_HOME")
+    if sys.platform == "darwin" and not base:
+        return Path.home() / "Library" / "Caches" / "maglev-design"
+    return (Path(base) if base else Path.home() / ".cache") / "maglev-design"
+
+
+def joint_hash(*parts: str | bytes) -> str:
+    """Return the SHA-256 of `parts`, each with its length, so that no two lists look alike."""
+    whole = hashlib.sha256()
+    for part in parts:
+        content = part.encode() if isinstance(part, str) else part
+        whole.update(b"%d:" % len(content))
+        whole.update(content)
+    return whole.hexdigest()
+
+
+def kept(kind: str, key: str, make: Callable[[], str], read: Callable[[str], T]) -> T:
+    """Return what `read` makes of the text of `make`, kept in the cache folder.
+
+    Parameters
+    ----------
+    kind : str
+        Subfolder.
+    key : str
+        Name of the entry: :func:`joint_hash` of everything that decides what `make` returns.
+    make : callable
+        Called where there is no such entry, or one that is not whole.
+    read : callable
+        From the text to what is wanted; `ValueError` for a text that it cannot have come from.
+    """
+    path = cache_folder() / kind / key
+    try:
+        proof, _, content = path.read_bytes().partition(b"\n")
+        if proof == joint_hash(content).encode():
+            return read(content.decode())
+    except (OSError, ValueError):
+        pass  # not there yet, not ours to read, or not what we wrote
+    text = make()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_bytes(path, joint_hash(text).encode() + b"\n" + text.encode())
+    except (OSError, InputError):
+        pass  # a folder that cannot be written costs the next process time, nothing else
+    return read(text)
+
+
+def sources(*places: Path) -> tuple[bytes, ...]:
+    """Return the content of the source files in folders (and of files), in a fixed order."""
+    found = [f for p in places for f in (sorted(p.glob("*.py")) if p.is_dir() else [p])]
+    return tuple(file.read_bytes() for file in found)

@@ -19,8 +19,8 @@ from typing import Annotated, Any, Literal, Self, get_args
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from maglev_design.choices import DEFAULT_PRESET, Method
 from maglev_design.errors import InputError, nearest
+from maglev_design.options import DEFAULT_PRESET, Method
 
 LONGEST_GAP = 0.5
 """[m] No laboratory rig levitates across half a metre: beyond it, millimetres were meant."""

@@ -23,19 +23,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design import __version__
-from maglev_design.choices import SCHEMA_VERSION, TAN_GPI
 from maglev_design.design import (
     Design,
     coefficient_inputs,
     difference_coefficients,
-    gains_program,
     reference_of,
 )
 from maglev_design.design_data import design_as_data, design_from_data
 from maglev_design.errors import InputError
-from maglev_design.files import digest, read_document, write_bytes
+from maglev_design.files import digest, finite, read_document, write_bytes
+from maglev_design.options import SCHEMA_VERSION, TAN_GPI
 from maglev_design.parameters import Rig, make_rig
-from maglev_design.plain import finite
+from maglev_design.programs import gains_program
 from maglev_design.simulate import simulate
 
 if TYPE_CHECKING:

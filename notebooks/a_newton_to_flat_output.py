@@ -36,6 +36,7 @@ import sympy as sp
 from matplotlib_inline.backend_inline import set_matplotlib_formats
 from scipy.integrate import solve_ivp
 
+from maglev_design.derivation import NOTATION
 from maglev_design.design import (
     believed_equilibrium,
     check_path_voltage,
@@ -48,7 +49,6 @@ from maglev_design.lowering import lower
 from maglev_design.parameters import load_rig, make_rig
 from maglev_design.report.plots.style import BLUE, GREY, RED, STYLE, WIDTH
 from maglev_design.symbolic import plant as p
-from maglev_design.symbolic.derivation import NOTATION
 from maglev_design.symbolic.flatness import flat_model, round_trip_residual
 from maglev_design.symbolic.linearisation import linearise, taylor_residual
 from maglev_design.symbolic.reference import bezier_step, tau

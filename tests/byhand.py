@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import cont2discrete
 
-from maglev_design.choices import Controller, Method
+from maglev_design.options import Controller, Method
 
 Array = NDArray[np.float64]
 Matrices = tuple[Array, Array, Array, Array]

@@ -13,8 +13,8 @@ import pytest
 from recorded import recorded
 from rigs import SHORT, rig_with
 
-from maglev_design.choices import Equilibrium
 from maglev_design.design import PoleSpec
+from maglev_design.options import Equilibrium
 from maglev_design.record import DesignRecord
 from maglev_design.simulate import nominal_scenario, resimulate
 from maglev_design.tune import Status, TuneResult, build_problem

@@ -16,20 +16,19 @@ ROOT = Path(maglev_design.__file__).parent
 
 FLOORS = {
     "errors": -2,
-    "choices": -1,
+    "options": -1,
     "files": 0,
     "interrupt": 0,
     "parameters": 0,
-    "plain": 0,
-    "store": 1,
     "symbolic": 1,
     "lowering": 1,  # SymPy's expressions, whatever they mean
     "programs": 2,
     "design": 3,
     "design_data": 4,
-    "loop": 4,  # stands on design
+    "linear_loop": 4,  # stands on design
     "simulate": 4,
     "tune": 5,
+    "derivation": 5,
     "sweep": 5,
     "certify": 5,
     "paper": 6,
@@ -42,9 +41,9 @@ FLOORS = {
 """A module or package imports only from floors below its own, and from itself."""
 
 HEAVY = {
-    "sympy": {"symbolic", "lowering", "programs", "certify", "paper", "report"},
+    "sympy": {"symbolic", "lowering", "programs", "derivation", "certify", "paper", "report"},
     "mpmath": {"certify"},
-    "casadi": {"lowering", "loop", "simulate", "tune"},
+    "casadi": {"lowering", "linear_loop", "simulate", "tune"},
     "cvxpy": {"certify"},
     "clarabel": {"certify"},
     "control": {"certify"},

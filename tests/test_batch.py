@@ -13,8 +13,8 @@ from byhand import LAWS
 from numpy.typing import NDArray
 from rigs import MINIMAL, OFFSET, SHORT, rig_with
 
-from maglev_design.choices import METHODS, Method
 from maglev_design.design import Design, PoleSpec, make_design, plant_beta
+from maglev_design.options import METHODS, Method
 from maglev_design.parameters import Rig
 from maglev_design.simulate import (
     LoopGraph,

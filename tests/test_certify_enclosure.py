@@ -23,9 +23,9 @@ from maglev_design.certify.lyapunov.family import (
     scaling,
     subject,
 )
-from maglev_design.choices import TAN_GPI, Method
 from maglev_design.design import PoleSpec, make_design
 from maglev_design.errors import InputError
+from maglev_design.options import TAN_GPI, Method
 from maglev_design.parameters import Rig, load_rig
 from maglev_design.programs import derived
 from maglev_design.symbolic import closed_loop as cl

@@ -10,9 +10,9 @@ from rigs import MINIMAL, rig_with
 
 from maglev_design.certify.lyapunov.family import Subject, claim, state_names, subject
 from maglev_design.certify.rationals import decimal
-from maglev_design.choices import EQUILIBRIA, Controller
 from maglev_design.design import PoleSpec, make_design
 from maglev_design.errors import InputError
+from maglev_design.options import EQUILIBRIA, Controller
 from maglev_design.parameters import Rig, load_rig
 
 PAPER = load_rig("belmonte2021")

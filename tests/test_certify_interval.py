@@ -12,8 +12,8 @@ from maglev_design.certify.intervals.algebraic import positive_roots, squared, x
 from maglev_design.certify.intervals.interval import exact_loop, gaps_at, ratios_at, ratios_over
 from maglev_design.certify.intervals.routh import hurwitz_determinant, is_hurwitz
 from maglev_design.certify.intervals.spans import ZERO, End, StableSet, unite
-from maglev_design.choices import EQUILIBRIA, Controller, Equilibrium
 from maglev_design.design import Design, PoleSpec, make_design, plant_beta, true_equilibrium
+from maglev_design.options import EQUILIBRIA, Controller, Equilibrium
 from maglev_design.parameters import Rig, load_rig, preset_names
 from maglev_design.simulate import Scenario, loop_for, simulate
 

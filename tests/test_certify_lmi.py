@@ -20,7 +20,6 @@ from maglev_design.certify.lyapunov.lmi import (
     certify_sampled,
     widest_sampled,
 )
-from maglev_design.choices import Method
 from maglev_design.design import (
     Design,
     PoleSpec,
@@ -30,6 +29,7 @@ from maglev_design.design import (
     true_equilibrium,
 )
 from maglev_design.errors import InputError
+from maglev_design.options import Method
 from maglev_design.parameters import Rig, load_rig
 
 PAPER = load_rig("belmonte2021")

@@ -9,11 +9,11 @@ import pytest
 from numpy.typing import NDArray
 from rigs import SHORT, rig_with
 
-from maglev_design import loop as loops
+from maglev_design import linear_loop as loops
 from maglev_design.certify.margins import Margin, Margins, sampled_margins
-from maglev_design.choices import METHODS, Method
 from maglev_design.design import believed_equilibrium
-from maglev_design.loop import Loop, build_loop
+from maglev_design.linear_loop import Loop, build_loop
+from maglev_design.options import METHODS, Method
 from maglev_design.parameters import Rig
 
 GRID_MISS = 1e-3

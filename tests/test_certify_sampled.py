@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rigs import OFFSET, SHORT, rig_with
 
-from maglev_design import loop as loops
+from maglev_design import linear_loop as loops
 from maglev_design.certify.intervals import sampled_limits
 from maglev_design.certify.intervals.arithmetic import Arithmetic
 from maglev_design.certify.intervals.jets import Jet, operators, widened
@@ -22,9 +22,9 @@ from maglev_design.certify.intervals.sampled_limits import (
 )
 from maglev_design.certify.intervals.sampled_path import proved_over, sampled_ratios_over
 from maglev_design.certify.rationals import decimal
-from maglev_design.choices import CONTROLLERS, EQUILIBRIA, METHODS, Controller, Equilibrium, Method
 from maglev_design.design import Design, PoleSpec, believed_equilibrium, make_design
-from maglev_design.loop import Family
+from maglev_design.linear_loop import Family
+from maglev_design.options import CONTROLLERS, EQUILIBRIA, METHODS, Controller, Equilibrium, Method
 from maglev_design.parameters import Rig, load_rig
 
 PAPER, POLES = load_rig("belmonte2021"), PoleSpec.double(1, 70)

@@ -12,13 +12,13 @@ from rigs import changed
 from scipy.linalg import expm
 from typer.testing import CliRunner
 
-from maglev_design.choices import EQUILIBRIA, SCHEMA_VERSION
 from maglev_design.cli import app, certify_tables, certify_verb
 from maglev_design.cli.certify_verb import Request
 from maglev_design.design import Design, PoleSpec, make_design
 from maglev_design.errors import InputError
+from maglev_design.files import finite
+from maglev_design.options import EQUILIBRIA, SCHEMA_VERSION
 from maglev_design.parameters import Rig, load_rig
-from maglev_design.plain import finite
 from maglev_design.record import document_bytes
 
 POLES = PoleSpec.double(1, 70)

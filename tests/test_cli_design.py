@@ -16,13 +16,14 @@ from rigs import SHORT, rig_with
 from typer.testing import CliRunner
 
 from maglev_design import record
-from maglev_design.choices import Controller
 from maglev_design.cli import app
-from maglev_design.design import PoleSpec, believed_equilibrium, gains_program, make_design
+from maglev_design.design import PoleSpec, believed_equilibrium, make_design
 from maglev_design.errors import InfeasibleError, InputError
 from maglev_design.export.controller import controller_of, doubts
 from maglev_design.export.printing import printed
+from maglev_design.options import Controller
 from maglev_design.parameters import load_rig
+from maglev_design.programs import gains_program
 from maglev_design.symbolic import laws
 from maglev_design.symbolic import plant as p
 from maglev_design.tune import build_problem, judge

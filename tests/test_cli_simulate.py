@@ -13,13 +13,13 @@ from records import document_of
 from rigs import OFFSET, SHORT, changed, rig_with
 from typer.testing import CliRunner
 
-from maglev_design.choices import Equilibrium
 from maglev_design.cli import app
 from maglev_design.cli.simulate_setup import Request, Run, set_up
 from maglev_design.design import Design, PoleSpec, make_design, plant_beta
 from maglev_design.errors import InputError
+from maglev_design.files import finite
+from maglev_design.options import Equilibrium
 from maglev_design.parameters import Rig
-from maglev_design.plain import finite
 from maglev_design.record import document_bytes
 from maglev_design.simulate import loop_for, simulate
 

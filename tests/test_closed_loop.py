@@ -9,7 +9,6 @@ import pytest
 import sympy as sp
 from rigs import OFFSET, SHORT, rig_with
 
-from maglev_design.choices import EQUILIBRIA, METHODS, TAN_GPI, Equilibrium, Method
 from maglev_design.design import (
     PoleSpec,
     believed_equilibrium,
@@ -18,8 +17,9 @@ from maglev_design.design import (
     timing,
     true_equilibrium,
 )
-from maglev_design.loop import loop_of
+from maglev_design.linear_loop import loop_of
 from maglev_design.lowering import lower
+from maglev_design.options import EQUILIBRIA, METHODS, TAN_GPI, Equilibrium, Method
 from maglev_design.programs import derived
 from maglev_design.symbolic import closed_loop as cl
 from maglev_design.symbolic import plant as p

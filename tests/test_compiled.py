@@ -23,8 +23,8 @@ from byhand import LAWS, SOME
 from numpy.typing import NDArray
 from rigs import SHORT, rig_with
 
-from maglev_design.choices import METHODS
 from maglev_design.design import Design, PoleSpec, make_design, plant_beta
+from maglev_design.options import METHODS
 from maglev_design.parameters import Rig
 from maglev_design.simulate import (
     Scenario,

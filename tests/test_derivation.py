@@ -10,11 +10,11 @@ import pytest
 import sympy as sp
 from scipy.linalg import expm
 
+from maglev_design.derivation import NOTATION, Equation, derivation
+from maglev_design.derivation.plant import base_units
+from maglev_design.derivation.terms import poly, proved, simplest
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic import reference as ref
-from maglev_design.symbolic.derivation import NOTATION, Equation, derivation
-from maglev_design.symbolic.derivation_plant import base_units
-from maglev_design.symbolic.derivation_terms import poly, proved, simplest
 from maglev_design.symbolic.stability import first_part
 
 POSTULATES = {"1", "2"}

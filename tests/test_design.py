@@ -16,10 +16,11 @@ from rigs import MINIMAL, OFFSET, SHORT, rig_with
 from scipy.signal import cont2discrete
 
 from maglev_design import design as designs
-from maglev_design.choices import EQUILIBRIA, METHODS, Equilibrium, Method
 from maglev_design.design import PoleSpec
 from maglev_design.errors import InputError
+from maglev_design.options import EQUILIBRIA, METHODS, Equilibrium, Method
 from maglev_design.parameters import Rig
+from maglev_design.programs import gains_program, slope_program
 
 ROUNDING = 1e-12
 EXPONENTIAL = 1e-10
@@ -266,7 +267,7 @@ def test_the_gains_of_every_controller_are_those_of_the_polynomial(
     name: str, zeta_1: float, omega_1: float, zeta_2: float, omega_2: float
 ) -> None:
     poles = (zeta_1, omega_1, zeta_2, omega_2)
-    program = designs.gains_program(LAWS[name])
+    program = gains_program(LAWS[name])
     expected = byhand.gains_of(LAWS[name], poles)
     assert program.outputs == designs.gain_names(LAWS[name])
     assert set(program.outputs) == set(expected)
@@ -335,7 +336,7 @@ def test_the_slope_program_differentiates_the_command(name: str) -> None:
     w, y_ref = 0.7, 0.02
     u = byhand.command(law, w, y_ref, 0.0, known)
     ends = [byhand.command(law, w + s * SLOPE_STEP, y_ref, 0.0, known) for s in (1, -1)]
-    slope, gain = designs.slope_program(law).scalar()(u, y_ref, known.beta, known.y0, known.C_U)
+    slope, gain = slope_program(law).scalar()(u, y_ref, known.beta, known.y0, known.C_U)
     assert slope == pytest.approx((ends[0] - ends[1]) / (2 * SLOPE_STEP), rel=1e-8)
     assert slope == pytest.approx(byhand.slope(law, u, y_ref, known), rel=ROUNDING)
     assert gain == (1.0 if law.name == "fee-gpi" else known.C_U)

@@ -14,7 +14,6 @@ from scipy.integrate import solve_ivp
 from maglev_design.design import (
     Design,
     PoleSpec,
-    law,
     make_design,
     plant_beta,
     reference_path,
@@ -22,6 +21,7 @@ from maglev_design.design import (
 )
 from maglev_design.errors import InputError
 from maglev_design.parameters import Rig, load_rig
+from maglev_design.programs import law, step_program
 from maglev_design.simulate import (
     Response,
     Scenario,
@@ -31,9 +31,9 @@ from maglev_design.simulate import (
     simulate,
     stated_errors,
 )
-from maglev_design.simulate.graph import COIL, step_program
+from maglev_design.simulate.grid import COIL
 from maglev_design.simulate.scenario import parameter_vector, start_state
-from maglev_design.symbolic.running import signals
+from maglev_design.symbolic.sampling import signals
 
 Array = NDArray[np.float64]
 

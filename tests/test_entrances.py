@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 from rigs import SHORT, rig_with
 
-from maglev_design.choices import Controller
 from maglev_design.design import PoleSpec, make_design, plant_beta
 from maglev_design.errors import InputError
+from maglev_design.options import Controller
 from maglev_design.simulate import (
     Scenario,
     build,

@@ -13,7 +13,7 @@ import pytest
 from exported import judged, with_document
 from rigs import SHORT, rig_with
 
-from maglev_design import loop as loops
+from maglev_design import linear_loop as loops
 from maglev_design.cli.verify_verb import verify
 from maglev_design.design import PoleSpec, make_design
 from maglev_design.design_data import design_as_data

@@ -8,10 +8,10 @@ from collections import Counter
 import pytest
 import sympy as sp
 
+from maglev_design.derivation import NOTATION, derivation
+from maglev_design.derivation import terms as d
 from maglev_design.report.formulas import ORDERS, latex, ordered_terms
-from maglev_design.symbolic import derivation_terms as d
 from maglev_design.symbolic import plant as p
-from maglev_design.symbolic.derivation import NOTATION, derivation
 
 NAMES = {entry.symbol: entry.latex for entry in NOTATION}
 

@@ -12,8 +12,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from maglev_design.choices import CONTROLLERS, Controller
 from maglev_design.lowering import lower
+from maglev_design.options import CONTROLLERS, Controller
 from maglev_design.symbolic import laws, stability
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.linearisation import linearise

@@ -8,8 +8,8 @@ import sympy as sp
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maglev_design.choices import EQUILIBRIA, Equilibrium
 from maglev_design.lowering import lower
+from maglev_design.options import EQUILIBRIA, Equilibrium
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.linearisation import (
     believed_beta,

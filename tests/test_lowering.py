@@ -23,10 +23,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sympy import Expr
 
-from maglev_design import design as designs
-from maglev_design.choices import METHODS, Method
 from maglev_design.lowering import Language, Program, lower
-from maglev_design.simulate.graph import metrics_program, step_program
+from maglev_design.options import METHODS, Method
+from maglev_design.programs import (
+    gains_program,
+    metrics_program,
+    reference_program,
+    step_program,
+)
 
 Values = Sequence[float]
 Back = Callable[..., Sequence[float]]
@@ -247,7 +251,7 @@ def test_the_metrics_and_the_gains_give_the_same_bits_everywhere(
     compile_c: Callable[[Program], Back],
 ) -> None:
     random = np.random.default_rng(12)
-    for program in (metrics_program(), designs.gains_program(), designs.reference_program()):
+    for program in (metrics_program(), gains_program(), reference_program()):
         backs = [program.numpy(), through_casadi(program), compile_c(program)]
         scalar = program.scalar()
         for _ in range(300):
@@ -277,8 +281,8 @@ def test_a_page_gives_the_same_bits() -> None:
         lower(SYMBOLS, {"inside": sp.Piecewise((a, sp.Or(a < b, b <= c)), (sp.Max(b, c), True))}),
         *[step_program(method) for method in METHODS],
         metrics_program(),
-        designs.gains_program(),
-        designs.reference_program(),
+        gains_program(),
+        reference_program(),
     ]
     points = [random.uniform(0.01, 2.0, size=(100, len(x.inputs))).tolist() for x in programs]
     for program, group, found in zip(
@@ -318,20 +322,18 @@ def test_library_functions_agree_to_the_last_place(
 
 HERE = str(Path(__file__).parent)
 PRINT_ALL = """
-from maglev_design import design as d
-from maglev_design.choices import EQUILIBRIA, METHODS
-from maglev_design.programs import program
-from maglev_design.simulate import graph
+from maglev_design import programs as p
+from maglev_design.options import EQUILIBRIA, METHODS
 from byhand import SOME
-programs = [d.plant_program(), d.reference_program(), graph.acceleration_program(),
-    graph.metrics_program(), graph.coil_program()]
-programs += [d.believed_program(reading) for reading in EQUILIBRIA]
+programs = [p.plant_program(), p.reference_program(), p.acceleration_program(),
+    p.metrics_program(), p.coil_program()]
+programs += [p.believed_program(reading) for reading in EQUILIBRIA]
 for law in SOME:
-    programs += [d.gains_program(law), d.slope_program(law), graph.start_program(law),
-        graph.continuous_program(law), program("hurwitz", law)]
+    programs += [p.gains_program(law), p.slope_program(law), p.start_program(law),
+        p.continuous_program(law), p.hurwitz_program(law)]
     for method in METHODS:
-        programs += [graph.step_program(method, law), graph.feedforward_program(method, law),
-            d.coefficients_program(method, law), program("sampled_loop", method, law)]
+        programs += [p.step_program(method, law), p.feedforward_program(method, law),
+            p.coefficients_program(method, law), p.sampled_loop_program(method, law)]
 for one in programs:
     for language in ("python", "c", "matlab", "javascript"):
         print("\\n".join(one.source(language)))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import sympy as sp
 
+from maglev_design.derivation import terms as d
 from maglev_design.paper import equations
 from maglev_design.paper.equations import (
     GAMMA,
@@ -24,7 +25,6 @@ from maglev_design.paper.equations import (
     proved,
 )
 from maglev_design.paper.ledger import Claim
-from maglev_design.symbolic import derivation_terms as d
 from maglev_design.symbolic import plant as p
 
 IDS = [*(f"eq-{n}" for n in range(1, 30)), *(f"eq-A{n}" for n in range(1, 8))]

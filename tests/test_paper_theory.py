@@ -17,7 +17,8 @@ from scipy.linalg import expm
 from scipy.signal import TransferFunction, cont2discrete, lsim, residue
 
 from maglev_design import design
-from maglev_design.choices import EQUILIBRIA, Equilibrium, Method
+from maglev_design.derivation import terms as d
+from maglev_design.options import EQUILIBRIA, Equilibrium, Method
 from maglev_design.paper import (
     theory_appendix,
     theory_disturbances,
@@ -40,7 +41,6 @@ from maglev_design.paper.theory_linear import (
 from maglev_design.paper.theory_plant import residual_is_zero
 from maglev_design.paper.theory_sampled import boundary, largest_period, ratio_interval
 from maglev_design.parameters import Rig, make_rig
-from maglev_design.symbolic import derivation_terms as d
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.stability import stability_condition
 

@@ -18,10 +18,10 @@ from typing import Any
 import pytest
 
 from maglev_design import programs
-from maglev_design.choices import TAN_GPI
+from maglev_design.files import joint_hash
 from maglev_design.lowering import Operation, Program
+from maglev_design.options import TAN_GPI
 from maglev_design.programs import derived
-from maglev_design.store import digest
 
 POSSIBLE: dict[str, tuple[Any, ...]] = {
     "method": ("tustin", "euler", "zoh"),
@@ -108,7 +108,7 @@ def test_what_is_no_program_is_not_read_as_one(what: str, folder: Path) -> None:
         Program.from_json(text)
     good = programs.program("beta")
     (path,) = folder.iterdir()
-    path.write_bytes(f"{digest(text)}\n{text}".encode())  # whole, and yet no program
+    path.write_bytes(f"{joint_hash(text)}\n{text}".encode())  # whole, and yet no program
     forget()
     assert programs.program("beta") == good
 

@@ -14,8 +14,7 @@ from rigs import SHORT, rig_with
 
 from maglev_design.design import PoleSpec
 from maglev_design.errors import InputError
-from maglev_design.files import digest
-from maglev_design.plain import finite
+from maglev_design.files import digest, finite
 from maglev_design.record import (
     LARGEST_RECORD,
     DesignRecord,

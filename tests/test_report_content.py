@@ -12,7 +12,7 @@ import pytest
 from records import HOSTILE, tuned
 from rigs import SHORT, rig_with
 
-from maglev_design.choices import DEFAULT_PRESET
+from maglev_design.options import DEFAULT_PRESET
 from maglev_design.parameters import load_rig, make_rig
 from maglev_design.record import DesignRecord, rig_as_data
 from maglev_design.report.chapter_emulated import emulated_chapter

@@ -13,11 +13,11 @@ from browser import dom, node, screenshot
 from records import chosen, tuned
 from rigs import OFFSET, SHORT, rig_with
 
-from maglev_design.choices import Equilibrium, Method
 from maglev_design.design import PoleSpec, believed_equilibrium, make_design
-from maglev_design.loop import Family, build_loop, peak_sensitivity
+from maglev_design.files import finite
+from maglev_design.linear_loop import Family, build_loop, peak_sensitivity
+from maglev_design.options import Equilibrium, Method
 from maglev_design.parameters import Rig
-from maglev_design.plain import finite
 from maglev_design.record import DesignRecord
 from maglev_design.report.explorer import explorer_data, javascript, programs_of
 from maglev_design.report.templates import text_of

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from rigs import MINIMAL, OFFSET, SHORT, rig_with
 from scipy.integrate import solve_ivp
 
-from maglev_design.choices import EQUILIBRIA, METHODS, Controller, Equilibrium, Method
 from maglev_design.design import (
     Design,
     PoleSpec,
@@ -25,6 +24,7 @@ from maglev_design.design import (
     reference_path,
     voltage_on_plant,
 )
+from maglev_design.options import EQUILIBRIA, METHODS, Controller, Equilibrium, Method
 from maglev_design.parameters import Rig
 from maglev_design.simulate import (
     Crash,
@@ -39,7 +39,7 @@ from maglev_design.simulate import (
     simulate,
     stated_errors,
 )
-from maglev_design.simulate.graph import contact_gap
+from maglev_design.simulate.grid import contact_gap
 from maglev_design.simulate.noise import POSITION_CHANNEL, standard_normals
 
 FIGURES = ("ise", "iae", "itae")

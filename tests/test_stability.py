@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from maglev_design.choices import METHODS, Method
 from maglev_design.lowering import lower
-from maglev_design.symbolic import laws, running, stability
+from maglev_design.options import METHODS, Method
+from maglev_design.symbolic import laws, sampling, stability
 from maglev_design.symbolic import plant as p
 
 Array = NDArray[np.float64]
@@ -288,7 +288,7 @@ LAW_NUMBERS = {
 }
 DISCRETE = {}
 for _method in METHODS:
-    _core = running.discretise(LAW.core, _method)
+    _core = sampling.discretise(LAW.core, _method)
     DISCRETE[_method] = lower(
         (p.C_U, p.C_Y, p.T, *KS),
         {

@@ -20,9 +20,9 @@ from scipy import stats
 from scipy.stats import qmc
 
 from maglev_design import sweep as sweeps
-from maglev_design.choices import Controller, Equilibrium
 from maglev_design.design import Design, PoleSpec, make_design, plant_beta
 from maglev_design.errors import InputError
+from maglev_design.options import Controller, Equilibrium
 from maglev_design.parameters import DRAWN, Rig, Spread
 from maglev_design.simulate import (
     Scenario,

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from rigs import SHORT, rig_with
 
-from maglev_design.choices import TAN_GPI, Controller
 from maglev_design.design import (
     PAPER_POLES,
     PoleSpec,
@@ -17,7 +16,8 @@ from maglev_design.design import (
     make_design,
     plant_beta,
 )
-from maglev_design.loop import build_loop, family, peak_sensitivity
+from maglev_design.linear_loop import build_loop, family, peak_sensitivity
+from maglev_design.options import TAN_GPI, Controller
 from maglev_design.paper.comparison import Comparison, compare, summarise
 from maglev_design.paper.survey import COMPARED
 from maglev_design.paper.trials import (

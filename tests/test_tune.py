@@ -16,12 +16,12 @@ import pytest
 import reference
 from rigs import MINIMAL, changed, rig_with
 
-from maglev_design import loop as loops
+from maglev_design import linear_loop as loops
 from maglev_design.design import Design, PoleSpec, believed_equilibrium
 from maglev_design.errors import InputError
-from maglev_design.loop import build_loop
+from maglev_design.files import finite
+from maglev_design.linear_loop import build_loop
 from maglev_design.parameters import Rig
-from maglev_design.plain import finite
 from maglev_design.simulate import loop_for, nominal_scenario, simulate
 from maglev_design.tune import (
     Status,

@@ -11,8 +11,8 @@ from rigs import MINIMAL, changed, rig_with
 from maglev_design.cli.tune_verb import _hopeless
 from maglev_design.design import PoleSpec, fastest_unstable_pole
 from maglev_design.errors import InputError
+from maglev_design.files import finite
 from maglev_design.parameters import Rig, load_rig
-from maglev_design.plain import finite
 from maglev_design.tune import (
     Status,
     TuneResult,

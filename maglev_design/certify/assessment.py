@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
-from maglev_design import design as designs
-from maglev_design import loop as loops
+from maglev_design import linear_loop as loops
+from maglev_design import programs
 from maglev_design.certify import margins
 from maglev_design.certify.intervals import interval
 from maglev_design.certify.intervals.sampled import setting, timing
@@ -20,12 +20,13 @@ from maglev_design.certify.intervals.spans import StableSet
 from maglev_design.certify.margins import Margins, PointMargins
 from maglev_design.certify.numbers import check_same_rig
 from maglev_design.certify.rationals import decimal
-from maglev_design.choices import EQUILIBRIA, TAN_GPI, Equilibrium
-from maglev_design.design import Design, gains_program
+from maglev_design.design import Design
 from maglev_design.errors import InputError
-from maglev_design.loop import Extreme, Family
+from maglev_design.files import finite
+from maglev_design.linear_loop import Extreme, Family
+from maglev_design.options import EQUILIBRIA, TAN_GPI, Equilibrium
 from maglev_design.parameters import Rig
-from maglev_design.plain import finite
+from maglev_design.programs import gains_program
 from maglev_design.symbolic import robustness, stability
 
 ONE = Fraction(1)
@@ -195,7 +196,7 @@ def assess(own: Subject, progress: Progress = lambda _stage, _done: None) -> Ass
     progress("largest delay", 0.6)
     latest = largest_delay(sampled, period, delay, gaps)
     progress("margins", 0.8)
-    loop, law = loops.loop_of(rig, design), designs.law(design.controller)
+    loop, law = loops.loop_of(rig, design), programs.law(design.controller)
     poles, continuous = design.poles.values, margins.continuous_open_loop(rig, design)
     return Assessment(
         subject=own,
@@ -222,7 +223,7 @@ def _closed_form(design: Design) -> dict[str, str]:
         return {}
     if not all(map(math.isclose, made, design.gains)):
         return {}
-    law = designs.law(design.controller)
+    law = programs.law(design.controller)
     forms = {"condition": f"{stability.stability_condition()} > 0"}
     for reading in (None, *EQUILIBRIA):
         end = robustness.largest_ratio(law, reading)

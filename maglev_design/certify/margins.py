@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design import design as designs
+from maglev_design import programs
 from maglev_design.certify.intervals.sampled import setting
-from maglev_design.choices import Controller
 from maglev_design.design import Design
-from maglev_design.loop import Family, Loop
+from maglev_design.linear_loop import Family, Loop
 from maglev_design.lowering import Program, lower
+from maglev_design.options import Controller
 from maglev_design.parameters import Rig
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic import robustness
@@ -137,7 +137,7 @@ def continuous_open_loop(rig: Rig, design: Design) -> OpenLoop:
 
 @cache
 def _pencil_program(controller: Controller) -> Program:
-    law = designs.law(controller)
+    law = programs.law(controller)
     pencil = robustness.continuous_pencil(law)
     parts = (("f", pencil.fixed), ("g", pencil.gain), ("h", pencil.gain_c_y))
     named = {f"{name}{n}": x for name, part in parts for n, x in enumerate(part)}

@@ -8,7 +8,7 @@ from fractions import Fraction
 import sympy as sp
 from sympy import Expr, Rational, Symbol
 
-from maglev_design import design as designs
+from maglev_design import programs
 from maglev_design.certify.rationals import decimal
 from maglev_design.design import Design
 from maglev_design.errors import InputError
@@ -53,7 +53,7 @@ def as_run(rig: Rig, design: Design) -> dict[Symbol, Expr]:
     """
     believed = design.believed
     doubles = {p.C_U_hat: believed.C_U, p.C_Y_hat: believed.C_Y}
-    doubles |= dict(zip(designs.law(design.controller).gains, design.gains, strict=True))
+    doubles |= dict(zip(programs.law(design.controller).gains, design.gains, strict=True))
     typed = {p.g: rig.plant.gravity, p.y0: rig.plant.gap_offset, p.Y: design.Y}
     typed |= {p.beta_c: believed.beta}
     exact = {symbol: rational(Fraction(value)) for symbol, value in doubles.items()}

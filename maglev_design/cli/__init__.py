@@ -14,7 +14,8 @@ from typing import Annotated, Literal
 import typer
 
 from maglev_design import __version__
-from maglev_design.choices import (
+from maglev_design.errors import MaglevError
+from maglev_design.options import (
     CONTROLLERS,
     DEFAULT_MAX_MS,
     DEFAULT_PRESET,
@@ -30,7 +31,6 @@ from maglev_design.choices import (
     Target,
     TestName,
 )
-from maglev_design.errors import MaglevError
 
 app = typer.Typer(
     name="maglev-design",

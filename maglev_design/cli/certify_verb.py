@@ -9,7 +9,11 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from maglev_design.choices import (
+from maglev_design.cli.certify_tables import print_assessment
+from maglev_design.cli.output import print_json, progress_bar, say, table, warn
+from maglev_design.errors import InputError
+from maglev_design.files import finite, output_folder, write_bytes
+from maglev_design.options import (
     SCHEMA_VERSION,
     TAN_GPI,
     Controller,
@@ -17,10 +21,6 @@ from maglev_design.choices import (
     Equilibrium,
     Method,
 )
-from maglev_design.cli.certify_tables import print_assessment
-from maglev_design.cli.output import print_json, progress_bar, say, table, warn
-from maglev_design.errors import InputError
-from maglev_design.files import output_folder, write_bytes
 
 RESULT, CERTIFICATE = "robustness.json", "certificate.json"
 VERIFICATION_FAILED = 4
@@ -46,7 +46,6 @@ def certify(request: Request, output: Path | None, *, force: bool, as_json: bool
     from maglev_design.certify.assessment import assess  # noqa: PLC0415
     from maglev_design.certify.region.guaranteed import Status, status_as_data  # noqa: PLC0415
     from maglev_design.design import voltage_warning  # noqa: PLC0415
-    from maglev_design.plain import finite  # noqa: PLC0415
 
     own, beta_error = _subject(request)
     disagreement = voltage_warning(own.rig)
@@ -193,13 +192,13 @@ def _figures(region: _Region | None, folder: Path) -> tuple[Path, ...]:
 def _subject(request: Request) -> tuple[Any, float | None]:
     """Return which controller is judged on what, and the error of beta where it was said."""
     from maglev_design.certify.assessment import subject  # noqa: PLC0415
-    from maglev_design.choices import DEFAULT_PRESET  # noqa: PLC0415
     from maglev_design.design import (  # noqa: PLC0415
         PAPER_POLES,
         PoleSpec,
         check_path_voltage,
         make_design,
     )
+    from maglev_design.options import DEFAULT_PRESET  # noqa: PLC0415
     from maglev_design.parameters import load_rig  # noqa: PLC0415
 
     beta_error = request.beta_error
@@ -226,7 +225,7 @@ def _subject(request: Request) -> tuple[Any, float | None]:
 
 def _saved(path: Path, request: Request) -> tuple[Any, Any, float | None]:
     """Return rig, controller and error of beta of a saved design; nothing of it may be changed."""
-    from maglev_design.loop import family  # noqa: PLC0415
+    from maglev_design.linear_loop import family  # noqa: PLC0415
     from maglev_design.record import load  # noqa: PLC0415
 
     if request.rig is not None:

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from maglev_design.choices import SCHEMA_VERSION
 from maglev_design.cli.output import Progress, print_json, progress_bar, say, table
 from maglev_design.design import check_path_voltage
 from maglev_design.errors import InputError, nearest
-from maglev_design.files import output_folder, write_bytes
+from maglev_design.files import finite, output_folder, write_bytes
+from maglev_design.options import SCHEMA_VERSION
 from maglev_design.paper.equations import equation_claims
 from maglev_design.paper.ledger import Claim
 from maglev_design.paper.rigs import random_rigs
@@ -20,7 +20,6 @@ from maglev_design.paper.simulated import simulated_claims
 from maglev_design.paper.survey import survey
 from maglev_design.paper.theory import theory_claims
 from maglev_design.parameters import Rig, load_rig
-from maglev_design.plain import finite
 from maglev_design.record import rig_as_data
 from maglev_design.report.claims_text import details, markdown, summary_rows, tally
 

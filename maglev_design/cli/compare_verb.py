@@ -9,16 +9,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from maglev_design.choices import METHODS, SCHEMA_VERSION, Equilibrium
 from maglev_design.cli.output import print_json, progress_bar, say, table, warn
 from maglev_design.design import PoleSpec, check_path_voltage
 from maglev_design.errors import InputError
-from maglev_design.files import output_folder, write_bytes
+from maglev_design.files import finite, output_folder, write_bytes
+from maglev_design.options import METHODS, SCHEMA_VERSION, Equilibrium
 from maglev_design.paper.comparison import Comparison, Progress, compare
 from maglev_design.paper.survey import orderings, survey
 from maglev_design.paper.trials import Reading, contenders
 from maglev_design.parameters import Emulator, Rig, load_rig
-from maglev_design.plain import finite
 from maglev_design.record import load, rig_as_data
 from maglev_design.report.comparison_text import (
     guesses,

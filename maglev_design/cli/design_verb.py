@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from maglev_design.choices import Controller, ControllerName, Equilibrium, Method, Scenarios
 from maglev_design.cli import tune_verb
 from maglev_design.cli.emulated_text import emulated_warnings
 from maglev_design.cli.law import chosen_law
@@ -16,6 +15,7 @@ from maglev_design.cli.output import number, print_json, progress_bar, say, warn
 from maglev_design.design import PoleSpec, believed_equilibrium, check_path_voltage
 from maglev_design.errors import InfeasibleError, InputError
 from maglev_design.files import output_folder
+from maglev_design.options import Controller, ControllerName, Equilibrium, Method, Scenarios
 from maglev_design.parameters import Rig, load_rig
 
 

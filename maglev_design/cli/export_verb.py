@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from maglev_design.choices import Target
 from maglev_design.cli.output import print_json, say, table, warn
 from maglev_design.export import export_folder
+from maglev_design.options import Target
 from maglev_design.record import load
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from maglev_design.choices import Controller, ControllerName
 from maglev_design.errors import InputError
+from maglev_design.options import Controller, ControllerName
 
 
 def chosen_law(name: ControllerName, options: Mapping[str, Any]) -> Controller:

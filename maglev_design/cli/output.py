@@ -9,15 +9,14 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from maglev_design.choices import SCHEMA_VERSION
+from maglev_design.files import finite
+from maglev_design.options import SCHEMA_VERSION
 
 Progress = Callable[[str, float], None]
 
 
 def print_json(document: dict[str, Any]) -> None:
     """Print one JSON document, the schema version first, infinities as null."""
-    from maglev_design.plain import finite  # noqa: PLC0415 - imports NumPy
-
     text = json.dumps(finite({"schema_version": SCHEMA_VERSION} | document), indent=2)
     sys.stdout.write(text + "\n")
 

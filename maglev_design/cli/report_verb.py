@@ -6,10 +6,10 @@ import sys
 from pathlib import Path
 from typing import Literal
 
-from maglev_design.choices import TAN_GPI
 from maglev_design.cli.output import print_json, progress_bar, say, warn
 from maglev_design.errors import InputError
 from maglev_design.files import output_folder
+from maglev_design.options import TAN_GPI
 from maglev_design.record import load
 from maglev_design.report import pdf_form
 from maglev_design.report.write import FORMS, Form, write_report

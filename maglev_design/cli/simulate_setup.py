@@ -7,13 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from maglev_design.choices import (
-    DEFAULT_PRESET,
-    ControllerName,
-    Equilibrium,
-    Method,
-    TestName,
-)
 from maglev_design.cli.law import chosen_law
 from maglev_design.design import (
     PAPER_POLES,
@@ -22,14 +15,21 @@ from maglev_design.design import (
     check_path_voltage,
     coefficient_inputs,
     difference_coefficients,
-    gains_program,
     make_design,
     plant_beta,
     voltage_on_plant,
 )
 from maglev_design.errors import InputError
+from maglev_design.options import (
+    DEFAULT_PRESET,
+    ControllerName,
+    Equilibrium,
+    Method,
+    TestName,
+)
 from maglev_design.paper.trials import TRIALS, Trial
 from maglev_design.parameters import Emulator, Rig, load_rig, make_rig
+from maglev_design.programs import gains_program
 from maglev_design.simulate import Scenario, emulated
 
 RATIOS = (0.01, 20.0)

@@ -11,7 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from maglev_design import sweep as sweeps
-from maglev_design.choices import (
+from maglev_design.cli.output import number, print_json, progress_bar, say, table, warn
+from maglev_design.design import PAPER_POLES, Design, PoleSpec, check_path_voltage, make_design
+from maglev_design.errors import InputError, nearest
+from maglev_design.files import finite, output_folder, write_bytes
+from maglev_design.options import (
     CONTROLLERS,
     DEFAULT_PRESET,
     Backend,
@@ -19,12 +23,7 @@ from maglev_design.choices import (
     Equilibrium,
     Method,
 )
-from maglev_design.cli.output import number, print_json, progress_bar, say, table, warn
-from maglev_design.design import PAPER_POLES, Design, PoleSpec, check_path_voltage, make_design
-from maglev_design.errors import InputError, nearest
-from maglev_design.files import output_folder, write_bytes
 from maglev_design.parameters import DRAWN, Rig, load_rig
-from maglev_design.plain import finite
 from maglev_design.record import DesignRecord, load
 from maglev_design.simulate import cores
 

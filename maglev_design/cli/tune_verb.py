@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from maglev_design.choices import METHODS, TAN_GPI, Equilibrium, Method, Scenarios
 from maglev_design.cli.emulated_text import (
     emulated_headline,
     emulated_warnings,
@@ -24,6 +23,7 @@ from maglev_design.cli.output import (
 )
 from maglev_design.errors import InfeasibleError
 from maglev_design.files import output_folder
+from maglev_design.options import METHODS, TAN_GPI, Equilibrium, Method, Scenarios
 from maglev_design.parameters import Rig, is_papers, load_rig
 
 if TYPE_CHECKING:

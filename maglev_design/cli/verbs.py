@@ -61,9 +61,9 @@ def list_presets(*, as_json: bool) -> None:
 
 def print_derivation(form: str, output: Path | None, *, as_json: bool) -> None:
     """Print or write the derivation."""
+    from maglev_design.derivation import NOTATION, derivation  # noqa: PLC0415
     from maglev_design.files import write_bytes  # noqa: PLC0415
     from maglev_design.report.derivation_text import Format, records, render  # noqa: PLC0415
-    from maglev_design.symbolic.derivation import NOTATION, derivation  # noqa: PLC0415
 
     equations = derivation()
     if as_json:

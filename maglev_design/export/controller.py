@@ -8,21 +8,23 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from maglev_design import design as designs
-from maglev_design.choices import Controller as Law
 from maglev_design.errors import InputError
 from maglev_design.lowering import Program
+from maglev_design.options import Controller as Law
 from maglev_design.parameters import LONGEST_GAP, MOST_SAMPLES, Emulator, Rig
-from maglev_design.record import DesignRecord
-from maglev_design.simulate import emulated, loop_for, nominal_scenario, simulate
-from maglev_design.simulate.graph import (
+from maglev_design.programs import (
     acceleration_program,
     bumpless_program,
+    peak_program,
+    reference_program,
     start_program,
     step_program,
 )
+from maglev_design.record import DesignRecord
+from maglev_design.simulate import emulated, loop_for, nominal_scenario, simulate
 
 if TYPE_CHECKING:
-    from maglev_design.symbolic.running import DifferenceEquation
+    from maglev_design.symbolic.sampling import DifferenceEquation
 
 LARGEST_ACCELERATION = 1.0e4
 """[m/s^2] Of a reference; a thousand times gravity, which only keeps the arithmetic finite."""
@@ -167,8 +169,8 @@ def controller_of(record: DesignRecord, prefix: str) -> Controller:
         prefix=prefix,
         step=step_program(design.method, design.controller),
         bumpless=bumpless_program(design.method, design.controller),
-        path=designs.reference_program(),
-        peak=designs.peak_program(),
+        path=reference_program(),
+        peak=peak_program(),
         plant=acceleration_program(),
         start=_start(record),
         law_constants=tuple(Constant(name, fixed[name], *_MEANINGS[name]) for name in fixed),
@@ -211,7 +213,7 @@ def _guards(rig: Rig) -> dict[str, Constant]:
     """Return the range of a usable sample, the period and the limit of a move."""
     path = rig.reference
     ends = (path.start_gap, path.end_gap, path.start_time, path.end_time)
-    (own,) = designs.peak_program().scalar()(*ends)
+    (own,) = peak_program().scalar()(*ends)
     low, high = rig.limits.gap
     rows = (
         Constant("T", rig.sampling.period, "s", "sampling period"),

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from maglev_design import __version__
-from maglev_design.choices import SCHEMA_VERSION, Target
 from maglev_design.errors import InputError
 from maglev_design.export.controller import Controller, controller_of, promise
 from maglev_design.export.printing import TEMPLATES, printed
 from maglev_design.export.text import checked_prefix
 from maglev_design.export.vectors import record_vectors
 from maglev_design.files import output_folder, write_bytes
+from maglev_design.options import SCHEMA_VERSION, Target
 from maglev_design.record import DesignRecord, document_bytes
 
 KIND = "maglev-design export"

@@ -13,7 +13,7 @@ import numpy as np
 from maglev_design import design as designs
 from maglev_design.export.controller import Controller
 from maglev_design.simulate import Scenario, resimulate
-from maglev_design.simulate.graph import contact_gap
+from maglev_design.simulate.grid import contact_gap
 from maglev_design.simulate.independent import Check
 from maglev_design.simulate.scenario import held_voltage
 

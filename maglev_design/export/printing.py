@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from maglev_design import __version__
-from maglev_design.choices import Controller as Law
-from maglev_design.choices import Target
 from maglev_design.export.controller import OUTPUTS, SIGNALS, STATES, Controller
 from maglev_design.export.misra import DEVIATIONS
 from maglev_design.export.native import CORTEX_M4
 from maglev_design.export.text import plain, wrapped
 from maglev_design.lowering import Program
+from maglev_design.options import Controller as Law
+from maglev_design.options import Target
 
 TEMPLATES = {
     "c": ("header.h", "source.c", "example.c", "check.c", "proof.c"),

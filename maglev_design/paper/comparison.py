@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from maglev_design.certify.margins import Margins, sampled_margins
 from maglev_design.design import believed_equilibrium, plant_beta, voltage_on_plant
-from maglev_design.loop import build_loop, family, peak_sensitivity, spectral_radius
+from maglev_design.linear_loop import build_loop, family, peak_sensitivity, spectral_radius
 from maglev_design.paper.trials import (
     EMULATION,
     INDICES,

@@ -14,11 +14,11 @@ from functools import cache
 import sympy as sp
 from sympy import Expr, Symbol
 
+from maglev_design.derivation import Equation, Line, derivation
+from maglev_design.derivation import terms as d
 from maglev_design.paper.ledger import Claim, Value, Verdict, judged
-from maglev_design.symbolic import derivation_terms as d
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic import reference as ref
-from maglev_design.symbolic.derivation import Equation, Line, derivation
 
 COMMAND = "maglev-design derive"
 

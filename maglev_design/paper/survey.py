@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from maglev_design.choices import EQUILIBRIA, Method
+from maglev_design.options import EQUILIBRIA, Method
 from maglev_design.paper.trials import (
     REAL_SENSOR_NOISE,
     SLOW_PERIOD,

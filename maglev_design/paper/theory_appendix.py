@@ -8,7 +8,9 @@ import numpy as np
 import sympy as sp
 from sympy import Expr
 
-from maglev_design.choices import EQUILIBRIA, Equilibrium
+from maglev_design.derivation import terms as d
+from maglev_design.derivation.control import FOUR
+from maglev_design.options import EQUILIBRIA, Equilibrium
 from maglev_design.paper.equations import (
     BELOW_A1,
     BELOW_A6,
@@ -32,9 +34,7 @@ from maglev_design.paper.theory_linear import (
     tally,
 )
 from maglev_design.paper.theory_plant import DERIVE, residual_is_zero
-from maglev_design.symbolic import derivation_terms as d
 from maglev_design.symbolic import plant as p
-from maglev_design.symbolic.derivation_control import FOUR
 from maglev_design.symbolic.laws import gpi_transfer
 from maglev_design.symbolic.linearisation import believed_coefficients, linearise
 from maglev_design.symbolic.stability import believed, routh_hurwitz

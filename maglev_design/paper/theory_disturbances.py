@@ -10,8 +10,9 @@ import sympy as sp
 from scipy.linalg import expm
 from sympy import Expr
 
-from maglev_design.choices import EQUILIBRIA, Equilibrium
+from maglev_design.derivation import terms as d
 from maglev_design.design import reference_path
+from maglev_design.options import EQUILIBRIA, Equilibrium
 from maglev_design.paper.equations import proved
 from maglev_design.paper.ledger import Claim, judged
 from maglev_design.paper.theory_law import FOUR
@@ -30,7 +31,6 @@ from maglev_design.paper.theory_linear import (
     settling_time,
     tally,
 )
-from maglev_design.symbolic import derivation_terms as d
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.laws import gain_symbols, gpi_transfer
 from maglev_design.symbolic.stability import closed_loop_polynomial

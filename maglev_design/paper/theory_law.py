@@ -9,6 +9,7 @@ import numpy as np
 import sympy as sp
 from sympy import Expr, Symbol
 
+from maglev_design.derivation import terms as d
 from maglev_design.paper.equations import proved
 from maglev_design.paper.ledger import Claim, judged
 from maglev_design.paper.theory_linear import (
@@ -26,7 +27,6 @@ from maglev_design.paper.theory_linear import (
     tally,
 )
 from maglev_design.paper.theory_plant import DERIVE, residual_is_zero
-from maglev_design.symbolic import derivation_terms as d
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.laws import gpi_transfer
 

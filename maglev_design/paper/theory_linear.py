@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from maglev_design import design
-from maglev_design.choices import Equilibrium
 from maglev_design.design import PAPER_POLES, PoleSpec
 from maglev_design.lowering import lower
+from maglev_design.options import Equilibrium
 from maglev_design.paper.ledger import Verdict, judged
 from maglev_design.paper.rigs import random_poles
 from maglev_design.parameters import Rig
+from maglev_design.programs import gains_program
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic import stability
 from maglev_design.symbolic.laws import tan_gpi
@@ -162,7 +163,7 @@ def _true(rig: Rig, gap: float | None) -> design.Believed:
 
 @cache
 def _gains() -> Numbers:
-    return design.gains_program().scalar()
+    return gains_program().scalar()
 
 
 @cache

@@ -10,7 +10,7 @@ import numpy as np
 import sympy as sp
 
 from maglev_design import design
-from maglev_design.choices import METHODS
+from maglev_design.options import METHODS
 from maglev_design.paper.equations import proved
 from maglev_design.paper.ledger import Claim, judged
 from maglev_design.paper.theory_linear import Case, linear_loop, quantity

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from maglev_design.choices import Equilibrium, Method
 from maglev_design.design import believed_equilibrium, plant_beta, voltage_on_plant
-from maglev_design.loop import Family, build_loop, family, spectral_radius
+from maglev_design.linear_loop import Family, build_loop, family, spectral_radius
+from maglev_design.options import Equilibrium, Method
 from maglev_design.paper.theory_linear import Case
 from maglev_design.parameters import LONGEST_PERIOD, Rig, make_rig
 

@@ -11,8 +11,8 @@ import numpy as np
 import sympy as sp
 from sympy import Expr, Symbol
 
-from maglev_design.choices import EQUILIBRIA, Equilibrium
 from maglev_design.design import path_gaps
+from maglev_design.options import EQUILIBRIA, Equilibrium
 from maglev_design.paper.equations import proved
 from maglev_design.paper.ledger import Claim, Value, judged
 from maglev_design.paper.theory_appendix import NEAR, PRINTED_RANGE

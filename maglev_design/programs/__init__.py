@@ -10,21 +10,25 @@ from __future__ import annotations
 from functools import cache
 from importlib import metadata
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from maglev_design import choices, lowering
-from maglev_design.choices import Controller
+from maglev_design import lowering, options
+from maglev_design.files import joint_hash, kept, sources
 from maglev_design.lowering import Program
-from maglev_design.store import digest, kept, sources
+from maglev_design.options import TAN_GPI, Controller, Equilibrium, Method
+
+if TYPE_CHECKING:
+    from maglev_design.symbolic.laws import ControlLaw
 
 HERE = Path(__file__).parent
-SOURCES = (HERE.parent / "symbolic", Path(lowering.__file__).parent, HERE, Path(choices.__file__))
+SOURCES = (HERE.parent / "symbolic", Path(lowering.__file__).parent, HERE, Path(options.__file__))
 """Folders and files whose text decides what a program is."""
 
 
 @cache
 def fingerprint() -> str:
     """Return the hash of all that decides what the programs are."""
-    return digest(metadata.version("sympy"), *sources(*SOURCES))
+    return joint_hash(metadata.version("sympy"), *sources(*SOURCES))
 
 
 @cache
@@ -37,5 +41,134 @@ def program(name: str, *arguments: str | bool | Controller) -> Program:
         made: Program = getattr(derived, name)(*arguments)
         return made.to_json()
 
-    key = f"{name}-{digest(fingerprint(), name, repr(arguments))[:32]}"
+    key = f"{name}-{joint_hash(fingerprint(), name, repr(arguments))[:32]}"
     return kept("programs", key, derive, Program.from_json)
+
+
+def law(controller: Controller = TAN_GPI) -> ControlLaw:
+    """Return the law of a controller, derived once a process."""
+    from maglev_design.programs import derived  # noqa: PLC0415 - imports SymPy
+
+    return derived.law(controller)
+
+
+def gains_program(controller: Controller = TAN_GPI) -> Program:
+    """Return the program (zeta_1, omega_1, zeta_2, omega_2) -> the law's gains."""
+    return program("gains", controller)
+
+
+def coefficients_program(method: Method, controller: Controller = TAN_GPI) -> Program:
+    """Return the program (C_U^, C_Y^, [beta_c, g, Y, y0,] T, u_min, u_max, gains) -> coefficients.
+
+    What stands in brackets only where the law uses it.
+    """
+    return program("coefficients", method, controller)
+
+
+def slope_program(controller: Controller = TAN_GPI) -> Program:
+    """Return the program (u, y_ref, beta_c, y0) -> (slope of the command in w, loop gain^).
+
+    The second is the gain C_U times slope that the controller reckons with, in C_U^.
+    """
+    return program("slope", controller)
+
+
+def believed_program(equilibrium: Equilibrium) -> Program:
+    """Return the program (g, beta_c, Y, y0, U) -> (U_hat, C_U_hat, C_Y_hat, beta_hat)."""
+    return program("believed", equilibrium)
+
+
+def plant_program() -> Program:
+    """Return the program (g, beta, y0, y) -> (U, C_U, C_Y) of the true equilibrium at gap y."""
+    return program("plant")
+
+
+def beta_program() -> Program:
+    """Return the program (m, C, K) -> beta = K C^2/m."""
+    return program("beta")
+
+
+def path_voltage_program() -> Program:
+    """Return the program (g, beta, y0, y, y'') -> the voltage that following the path needs."""
+    return program("path_voltage")
+
+
+def reference_program() -> Program:
+    """Return the program (t, start_gap, end_gap, start_time, end_time) -> (y*, y*', y*'')."""
+    return program("reference")
+
+
+def peak_program() -> Program:
+    """Return the program (start_gap, end_gap, start_time, end_time) -> largest |y*''|."""
+    return program("peak")
+
+
+def acceleration_program() -> Program:
+    """Return the program (g, beta, gap + y0 as y, u) -> acceleration of the plant (4)."""
+    return program("acceleration")
+
+
+def metrics_program(crossing: bool = True) -> Program:
+    """Return the program of one step's increments of ISE, IAE and ITAE.
+
+    Without `crossing` for steps at whose ends the error has one sign.
+    """
+    return program("metrics", crossing)
+
+
+def coil_program() -> Program:
+    """Return the program (u_coil, u, L, R) -> rate of u_coil, the coil current over C."""
+    return program("coil")
+
+
+def step_program(method: Method, controller: Controller = TAN_GPI) -> Program:
+    """Return the sampled law's step: states, signals, Y, U, limits, coefficients -> next states.
+
+    The signals are y, y*, y*'' (and y', y*' where the law reads them). Outputs: the next states,
+    the commanded and the applied voltage. This program, printed, is the exported controller.
+    """
+    return program("step", method, controller)
+
+
+def feedforward_program(method: Method, controller: Controller = TAN_GPI) -> Program:
+    """Return the program y*, y*'', Y, U, limits, coefficients -> clamped voltage at w = 0."""
+    return program("feedforward", method, controller)
+
+
+def start_program(controller: Controller = TAN_GPI) -> Program:
+    """Return the program signals, Y, gains -> the law's states before the first sample."""
+    return program("start", controller)
+
+
+def bumpless_program(method: Method, controller: Controller = TAN_GPI) -> Program:
+    """Return the program signals, u, Y, U, limits, coefficients -> states that command u."""
+    return program("bumpless", method, controller)
+
+
+def continuous_program(controller: Controller = TAN_GPI) -> Program:
+    """Return the continuous law: states, signals, Y, U, limits, believed, gains -> rates."""
+    return program("continuous", controller)
+
+
+def gains_of_pid_program() -> Program:
+    """Return the program (K_p, K_i, K_d, C_U^, C_Y^) -> k1, k2 and k3 of a PID."""
+    return program("gains_of_pid")
+
+
+def routh_program(controller: Controller = TAN_GPI) -> Program:
+    """Return the program (rho, C_Y, C_Y^, gains) -> polynomial of the loop, its Routh array."""
+    return program("routh", controller)
+
+
+def hurwitz_program(controller: Controller = TAN_GPI) -> Program:
+    """Return the program (rho, C_Y, C_Y^, gains) -> Routh-Hurwitz conditions, 1 as designed."""
+    return program("hurwitz", controller)
+
+
+def sampled_loop_program(method: Method, controller: Controller = TAN_GPI) -> Program:
+    """Return the program of the sampled open loop: its numerator, denominator, and the effort.
+
+    Inputs: loop gain, C_U^, C_Y^, C_Y, T, the first part of the period and the gains. The effort is
+    what sensor noise does to the voltage.
+    """
+    return program("sampled_loop", method, controller)

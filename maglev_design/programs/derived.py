@@ -1,7 +1,6 @@
 """Every program as it is lowered from the symbolic statement; the only place that does so.
 
-Inputs and outputs of each are described where it is called, in :mod:`maglev_design.design` and
-:mod:`maglev_design.simulate.graph`.
+Inputs and outputs of each are described where it is fetched: :mod:`maglev_design.programs`.
 """
 
 from __future__ import annotations
@@ -11,9 +10,9 @@ from functools import cache
 
 import sympy as sp
 
-from maglev_design.choices import Controller, Equilibrium, Method
 from maglev_design.lowering import Program, lower
-from maglev_design.symbolic import laws, running, stability
+from maglev_design.options import Controller, Equilibrium, Method
+from maglev_design.symbolic import laws, sampling, stability
 from maglev_design.symbolic import metrics as quadratures
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic import reference as paths
@@ -35,9 +34,9 @@ def law(controller: Controller) -> laws.ControlLaw:
 
 
 @cache
-def equation(method: Method, controller: Controller) -> running.DifferenceEquation:
+def equation(method: Method, controller: Controller) -> sampling.DifferenceEquation:
     """Return the symbolic difference equation of a law under `method`."""
-    return running.difference_equation(law(controller), method)
+    return sampling.difference_equation(law(controller), method)
 
 
 @cache
@@ -45,7 +44,7 @@ def core(
     method: Method, controller: Controller
 ) -> tuple[laws.StateSpace, Mapping[sp.Symbol, sp.Expr]]:
     """Return a law's sampled core in the coefficients of its step, and what these are."""
-    return running.named_core(law(controller), method)
+    return sampling.named_core(law(controller), method)
 
 
 @cache
@@ -202,15 +201,15 @@ def step(method: Method, controller: Controller) -> Program:
     states = own.law.states
     inputs = [*states, *own.signals, *_FIXED, *own.coefficients]
     outputs = {f"{s.name}_next": x for s, x in zip(states, own.next_states, strict=True)}
-    outputs |= {"commanded": running.commanded, "applied": own.applied}
-    return lower(inputs, outputs, {running.commanded: own.commanded})
+    outputs |= {"commanded": sampling.commanded, "applied": own.applied}
+    return lower(inputs, outputs, {sampling.commanded: own.commanded})
 
 
 def bumpless(method: Method, controller: Controller) -> Program:
     """Return the states that command a given voltage."""
     own = equation(method, controller)
     inputs = [*own.signals, p.u, *_FIXED, *own.coefficients]
-    start = running.bumpless_start(own)
+    start = sampling.bumpless_start(own)
     return lower(inputs, {x.name: s for x, s in zip(own.law.states, start, strict=True)})
 
 
@@ -218,24 +217,24 @@ def feedforward(method: Method, controller: Controller) -> Program:
     """Return the clamped voltage at w = 0."""
     own = equation(method, controller)
     inputs = [p.y_ref, p.acc_ref, *_FIXED, *own.coefficients]
-    return lower(inputs, {"applied": running.clamp(own.feedforward)})
+    return lower(inputs, {"applied": sampling.clamp(own.feedforward)})
 
 
 def start(controller: Controller) -> Program:
     """Return the law's states before the first sample."""
     own = law(controller)
-    inputs = [*running.signals(own), p.Y, *own.gains]
+    inputs = [*sampling.signals(own), p.Y, *own.gains]
     return lower(inputs, {x.name: s for x, s in zip(own.states, own.start, strict=True)})
 
 
 def continuous(controller: Controller) -> Program:
     """Return the continuous law's rates and command."""
     own = law(controller)
-    rates, command = running.continuous_equation(own)
+    rates, command = sampling.continuous_equation(own)
     read = command.free_symbols | rates[0].free_symbols
     inputs = [
         *own.states,
-        *running.signals(own),
+        *sampling.signals(own),
         *_FIXED,
         p.C_U_hat,
         p.C_Y_hat,
@@ -246,8 +245,8 @@ def continuous(controller: Controller) -> Program:
         f"{state.name}_rate": stability.believed(rate)
         for state, rate in zip(own.states, rates, strict=True)
     }
-    outputs["commanded"] = running.commanded
-    return lower(inputs, outputs, {running.commanded: stability.believed(command)})
+    outputs["commanded"] = sampling.commanded
+    return lower(inputs, outputs, {sampling.commanded: stability.believed(command)})
 
 
 def hurwitz(controller: Controller) -> Program:

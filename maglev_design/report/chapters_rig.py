@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from maglev_design.choices import Equilibrium
+from maglev_design.options import Equilibrium
 from maglev_design.parameters import fields
 from maglev_design.record import DesignRecord
 from maglev_design.report import prose

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from itertools import groupby
 
-from maglev_design import design as designs
 from maglev_design.design import path_gaps, true_equilibrium
-from maglev_design.programs import program
+from maglev_design.programs import routh_program, slope_program
 from maglev_design.record import DesignRecord
 from maglev_design.report import prose
 from maglev_design.report.commands import DERIVE, REPORT
@@ -153,7 +152,7 @@ def _first_column(record: DesignRecord, gap: float, ratio: float) -> tuple[float
     rig, design = record.rig, record.design
     believed = design.believed
     rest = true_equilibrium(rig, design.beta_at(ratio), gap)
-    slope, believed_gain = designs.slope_program(design.controller).scalar()(
+    slope, believed_gain = slope_program(design.controller).scalar()(
         rest.U, gap, believed.beta, rig.plant.gap_offset, believed.C_U
     )
     known = {
@@ -162,7 +161,7 @@ def _first_column(record: DesignRecord, gap: float, ratio: float) -> tuple[float
         "C_Y_hat": believed.C_Y,
         **design.named_gains,
     }
-    array = program("routh", design.controller)
+    array = routh_program(design.controller)
     values = dict(
         zip(array.outputs, array.scalar()(*[known[x] for x in array.inputs]), strict=True)
     )

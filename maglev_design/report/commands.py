@@ -8,9 +8,10 @@ import shlex
 from collections.abc import Mapping
 from typing import Any
 
-from maglev_design.choices import DEFAULT_MAX_MS
-from maglev_design.design import PAPER_POLES, gains_program
+from maglev_design.design import PAPER_POLES
+from maglev_design.options import DEFAULT_MAX_MS
 from maglev_design.parameters import is_papers, load_rig, preset_names
+from maglev_design.programs import gains_program
 from maglev_design.record import DesignRecord, rig_as_data
 
 RIG_FILE = "rig.toml"

@@ -10,10 +10,17 @@ import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from maglev_design.files import joint_hash, kept, sources
 from maglev_design.programs import fingerprint
-from maglev_design.store import digest, kept, sources
 
 HERE = Path(__file__).parent
+SOURCES = (
+    HERE.parent / "derivation",
+    HERE / "derivation_text.py",
+    HERE / "formulas.py",
+    Path(__file__),
+)
+"""Whose text decides what the derivation says, besides the programs."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +30,7 @@ class Step:
     Attributes
     ----------
     id, section, title, reason : str
-        As :class:`maglev_design.symbolic.derivation_terms.Equation` has them.
+        As :class:`maglev_design.derivation.terms.Equation` has them.
     rows : tuple of (str, str)
         LaTeX left and right of where the rows are aligned.
     residual : str or None
@@ -58,17 +65,17 @@ class Derivation:
 
 def derivation_steps() -> Derivation:
     """Return the derivation, proved by this process or by one before it."""
-    own = sources(HERE / "derivation_text.py", HERE / "formulas.py", Path(__file__))
-    return kept("derivation", digest(fingerprint(), *own), _proved, _read)
+    own = sources(*SOURCES)
+    return kept("derivation", joint_hash(fingerprint(), *own), _proved, _read)
 
 
 def _proved() -> str:
     import sympy as sp  # noqa: PLC0415 - only where the cache has nothing
 
+    from maglev_design.derivation import NOTATION, derivation  # noqa: PLC0415
+    from maglev_design.derivation import terms as d  # noqa: PLC0415
     from maglev_design.report.derivation_text import equation_rows, occurring  # noqa: PLC0415
     from maglev_design.report.formulas import latex  # noqa: PLC0415
-    from maglev_design.symbolic import derivation_terms as d  # noqa: PLC0415
-    from maglev_design.symbolic.derivation import NOTATION, derivation  # noqa: PLC0415
     from maglev_design.symbolic.stability import routh_array  # noqa: PLC0415
 
     equations = derivation()

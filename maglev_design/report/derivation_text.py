@@ -14,11 +14,11 @@ from typing import Literal, get_args
 import sympy as sp
 from sympy import Expr, Symbol
 
+from maglev_design.derivation.terms import Equation, Line
 from maglev_design.errors import InputError
 from maglev_design.report import formulas, prose
 from maglev_design.report.escape import latex_text, markdown_maths, markdown_text
 from maglev_design.report.words import unit_latex
-from maglev_design.symbolic.derivation_terms import Equation, Line
 from maglev_design.symbolic.plant import Entry
 
 Format = Literal["text", "markdown", "latex"]
@@ -55,7 +55,7 @@ def render(equations: Sequence[Equation], symbols: Sequence[Entry], format: Form
     Parameters
     ----------
     equations : sequence of Equation
-        As :func:`maglev_design.symbolic.derivation.derivation` returns them.
+        As :func:`maglev_design.derivation.derivation` returns them.
     symbols : sequence of Entry
         The symbol table; the entries that occur in the equations are printed.
     format : {"text", "markdown", "latex"}
@@ -74,7 +74,7 @@ def render(equations: Sequence[Equation], symbols: Sequence[Entry], format: Form
 
     Examples
     --------
-    >>> from maglev_design.symbolic.derivation_terms import NOTATION, defined
+    >>> from maglev_design.derivation.terms import NOTATION, defined
     >>> from maglev_design.symbolic.plant import C, i, u
     >>> two = defined("2", "The model", "Coil current", [(i, C * u)], "Postulate.")
     >>> print(render([two], NOTATION, "text").split("Coil current")[1].splitlines()[1].strip())

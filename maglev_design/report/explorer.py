@@ -11,10 +11,22 @@ from typing import Any
 from maglev_design import design as designs
 from maglev_design.design import timing
 from maglev_design.lowering import Program
-from maglev_design.programs import program
+from maglev_design.programs import (
+    acceleration_program,
+    coefficients_program,
+    feedforward_program,
+    gains_program,
+    metrics_program,
+    plant_program,
+    reference_program,
+    sampled_loop_program,
+    slope_program,
+    start_program,
+    step_program,
+)
 from maglev_design.record import DesignRecord
 from maglev_design.report.plots.design import start_of
-from maglev_design.simulate import graph as graphs
+from maglev_design.simulate import grid as grids
 from maglev_design.simulate import nominal_scenario
 from maglev_design.simulate.response import loop_for
 
@@ -31,17 +43,17 @@ def programs_of(record: DesignRecord) -> dict[str, Program]:
     design = record.design
     method, controller = design.method, design.controller
     return {
-        "gains": designs.gains_program(controller),
-        "plant": designs.plant_program(),
-        "slope": designs.slope_program(controller),
-        "coefficients": designs.coefficients_program(method, controller),
-        "reference": designs.reference_program(),
-        "start": graphs.start_program(controller),
-        "step": graphs.step_program(method, controller),
-        "feedforward": graphs.feedforward_program(method, controller),
-        "acceleration": graphs.acceleration_program(),
-        "metrics": graphs.metrics_program(),
-        "sampled_loop": program("sampled_loop", method, controller),
+        "gains": gains_program(controller),
+        "plant": plant_program(),
+        "slope": slope_program(controller),
+        "coefficients": coefficients_program(method, controller),
+        "reference": reference_program(),
+        "start": start_program(controller),
+        "step": step_program(method, controller),
+        "feedforward": feedforward_program(method, controller),
+        "acceleration": acceleration_program(),
+        "metrics": metrics_program(),
+        "sampled_loop": sampled_loop_program(method, controller),
     }
 
 
@@ -97,7 +109,7 @@ def explorer_data(record: DesignRecord) -> dict[str, Any]:
             "end_gap": path.end_gap,
             "start_time": path.start_time,
             "end_time": path.end_time,
-            "gap_low": graphs.contact_gap(rig),
+            "gap_low": grids.contact_gap(rig),
             "gap_high": rig.limits.gap[1],
         },
         "initial": {"y": start.initial_gap, "v": start.initial_velocity},

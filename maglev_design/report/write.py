@@ -6,8 +6,7 @@ from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Literal, get_args
 
-from maglev_design.files import write_bytes
-from maglev_design.plain import finite
+from maglev_design.files import finite, write_bytes
 from maglev_design.record import DesignRecord
 from maglev_design.report import chapters_result as results
 from maglev_design.report import chapters_rig as givens

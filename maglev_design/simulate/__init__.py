@@ -11,7 +11,7 @@ from maglev_design.simulate.emulator import (
     emulated,
     emulator_effects,
 )
-from maglev_design.simulate.graph import LoopGraph, build
+from maglev_design.simulate.grid import LoopGraph, build
 from maglev_design.simulate.independent import own_step, resimulate, resimulate_continuous
 from maglev_design.simulate.response import (
     Crash,
@@ -23,7 +23,7 @@ from maglev_design.simulate.response import (
     stated_errors,
 )
 from maglev_design.simulate.scenario import Scenario, mirrored, nominal_scenario
-from maglev_design.simulate.tangents import Tangent, pole_tangent
+from maglev_design.simulate.sensitivities import Tangent, pole_tangent
 from maglev_design.simulate.transient import settling_time, total_variation, undershoot
 
 __all__ = [

@@ -15,15 +15,15 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design.choices import BACKENDS, Backend
 from maglev_design.design import Design, reference_path
 from maglev_design.errors import check_word
+from maglev_design.options import BACKENDS, Backend
 from maglev_design.simulate import compiled
-from maglev_design.simulate.graph import LoopGraph
+from maglev_design.simulate.grid import LoopGraph
 from maglev_design.simulate.noise import POSITION_CHANNEL, standard_normals
 from maglev_design.simulate.response import PARTS, Crash, Metrics, Response, simulate
 from maglev_design.simulate.scenario import Scenario, check_fits, parameter_vector, start_state
-from maglev_design.simulate.tangents import Tangent, start_tangent
+from maglev_design.simulate.sensitivities import Tangent, start_tangent
 from maglev_design.simulate.transient import total_variation
 
 Array = NDArray[np.float64]

@@ -32,9 +32,9 @@ from numpy.typing import NDArray
 
 from maglev_design import design as designs
 from maglev_design import parameters
+from maglev_design.files import cache_folder, joint_hash, kept, sources
 from maglev_design.programs import fingerprint
-from maglev_design.simulate.graph import LoopGraph
-from maglev_design.store import cache_folder, digest, kept, sources
+from maglev_design.simulate.grid import LoopGraph
 
 Array = NDArray[np.float64]
 
@@ -111,7 +111,7 @@ def _machine() -> str:
 
     files = [Path(path).stat() for word in words if (path := shutil.which(word))]
     stamps = [f"{file.st_size} {file.st_mtime_ns} {file.st_ino}" for file in files]
-    key = digest(*words, *stamps, *FLAGS, platform.node(), platform.machine(), _processor())
+    key = joint_hash(*words, *stamps, *FLAGS, platform.node(), platform.machine(), _processor())
     return kept("machines", key, ask, str)
 
 
@@ -221,13 +221,13 @@ def text(loop: LoopGraph) -> str:
 
         return source(loop)
 
-    return kept("loops", digest(_made_from(), loop.structure, str(LANES)), printed, str)
+    return kept("loops", joint_hash(_made_from(), loop.structure, str(LANES)), printed, str)
 
 
 @cache
 def _made_from() -> str:
     """Return the hash of what every kernel is printed from, but for the loop's own structure."""
-    return digest(fingerprint(), metadata.version("casadi"), *sources(*SOURCES))
+    return joint_hash(fingerprint(), metadata.version("casadi"), *sources(*SOURCES))
 
 
 def run(

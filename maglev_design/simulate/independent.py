@@ -19,14 +19,17 @@ from numpy.typing import NDArray
 
 from maglev_design import design as designs
 from maglev_design.parameters import Rig
-from maglev_design.simulate.graph import (
-    LoopGraph,
+from maglev_design.programs import (
     acceleration_program,
-    contact_gap,
     continuous_program,
-    signal_names,
+    reference_program,
     start_program,
     step_program,
+)
+from maglev_design.simulate.grid import (
+    LoopGraph,
+    contact_gap,
+    signal_names,
 )
 from maglev_design.simulate.scenario import (
     Scenario,
@@ -192,7 +195,7 @@ def _integrator(rig: Rig, scenario: Scenario, drive: Drive) -> Any:
     offset = plant.gap_offset if scenario.gap_offset is None else scenario.gap_offset
     acceleration = acceleration_program().scalar()
     path, floor = rig.reference, contact_gap(rig) / 2  # a ball that has crashed meets no pole
-    reference = designs.reference_program().scalar()
+    reference = reference_program().scalar()
     ends = (path.start_gap, path.end_gap, path.start_time, path.end_time)
 
     def rates(t: float, x: Any, held: Any) -> list[float]:

@@ -8,9 +8,10 @@ from collections.abc import Callable
 
 import casadi as ca
 
+from maglev_design.programs import metrics_program
 from maglev_design.simulate import compiled
 from maglev_design.simulate.compiled import figures_count, resource
-from maglev_design.simulate.graph import LoopGraph, metrics_program
+from maglev_design.simulate.grid import LoopGraph
 
 _FORMS: dict[int, str] = {
     ca.OP_ASSIGN: "{0}",

@@ -14,7 +14,7 @@ from maglev_design.design import (
     reference_path,
 )
 from maglev_design.parameters import Rig
-from maglev_design.simulate import graph as graphs
+from maglev_design.simulate import grid as grids
 from maglev_design.simulate.independent import resimulate_continuous
 from maglev_design.simulate.scenario import (
     Scenario,
@@ -23,7 +23,7 @@ from maglev_design.simulate.scenario import (
     parameter_vector,
     start_state,
 )
-from maglev_design.simulate.tangents import Tangent, start_tangent
+from maglev_design.simulate.sensitivities import Tangent, start_tangent
 
 Array = NDArray[np.float64]
 
@@ -118,7 +118,7 @@ class Response:
 
 
 def simulate(
-    loop: graphs.LoopGraph,
+    loop: grids.LoopGraph,
     design: Design,
     scenario: Scenario,
     tangent: Tangent | None = None,
@@ -157,7 +157,7 @@ def simulate(
     return _response(loop, history, voltages, track)
 
 
-def _response(loop: graphs.LoopGraph, history: Array, voltages: Array, track: Array) -> Response:
+def _response(loop: grids.LoopGraph, history: Array, voltages: Array, track: Array) -> Response:
     rows = dict(zip(loop.state_names, history, strict=False))
     times, rig = loop.times, loop.rig
     reference = reference_path(rig, times)[0]
@@ -194,12 +194,12 @@ def _response(loop: graphs.LoopGraph, history: Array, voltages: Array, track: Ar
     )
     gradients: dict[str, Array] = {}
     if loop.directions:
-        gradients = dict(zip(graphs.METRICS, slopes, strict=True))
+        gradients = dict(zip(grids.METRICS, slopes, strict=True))
         gradients |= _extreme_gradients(loop, history, voltages, active)
     return Response(times, rows["y"], rows["v"], reference, commanded, applied, metrics, gradients)
 
 
-def _quadrature(loop: graphs.LoopGraph, history: Array, track: Array) -> tuple[Array, Array]:
+def _quadrature(loop: grids.LoopGraph, history: Array, track: Array) -> tuple[Array, Array]:
     """Return the increments of every step, shape (n, 3), and the sums' tangents, shape (3, d)."""
     width, count = loop.directions, len(loop.ends) // (len(loop.times) - 1)
     first = history[:2, 0]
@@ -213,7 +213,7 @@ def _quadrature(loop: graphs.LoopGraph, history: Array, track: Array) -> tuple[A
 
 
 def _extreme_gradients(
-    loop: graphs.LoopGraph, history: Array, voltages: Array, active: slice
+    loop: grids.LoopGraph, history: Array, voltages: Array, active: slice
 ) -> dict[str, Array]:
     """Return the tangents of the extremes of voltage and gap, taken where they are reached."""
     size, width = len(loop.state_names), loop.directions
@@ -270,13 +270,13 @@ def stated_errors(
     ]
     coarse, fine = (run(loop, design, scenario) for loop in loops)
     crashed = coarse.metrics.crashed or fine.metrics.crashed
-    found = {name: getattr(fine.metrics, name) for name in graphs.METRICS}
+    found = {name: getattr(fine.metrics, name) for name in grids.METRICS}
     off = {name: abs(getattr(coarse.metrics, name) - value) for name, value in found.items()}
     switched = continuous and not crashed and not _smooth(loops[0], design, scenario, coarse, run)
     if crashed:
         step, times = float(np.diff(loops[1].ends).max()), fine.times
         size = float(np.abs(fine.gap - fine.reference).max())
-        lost = dict(zip(graphs.METRICS, (size**2, size, size * float(times[-1])), strict=True))
+        lost = dict(zip(grids.METRICS, (size**2, size, size * float(times[-1])), strict=True))
         off = {name: value + step * lost[name] for name, value in off.items()}
     elif switched and not emulate:
         exact = resimulate_continuous(loops[1], design, scenario)
@@ -293,7 +293,7 @@ def stated_errors(
 
 
 def _smooth(
-    loop: graphs.LoopGraph,
+    loop: grids.LoopGraph,
     design: Design,
     scenario: Scenario,
     response: Response,
@@ -312,10 +312,10 @@ def loop_for(
     continuous: bool = False,
     refine: int = 1,
     emulate: bool = False,
-) -> graphs.LoopGraph:
+) -> grids.LoopGraph:
     """Return the loop that runs `design`, with integration steps short enough for it."""
     fast = [design.named_gains.get(name, 0.0) for name in ("k3", "omega_f")]
-    return graphs.build(
+    return grids.build(
         rig,
         None if continuous else design.method,
         controller=design.controller,

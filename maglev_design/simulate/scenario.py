@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from maglev_design.design import Design
 from maglev_design.errors import InputError, check_numbers
 from maglev_design.parameters import Rig
-from maglev_design.simulate import graph as graphs
+from maglev_design.programs import feedforward_program, start_program
+from maglev_design.simulate import grid as grids
 from maglev_design.simulate.noise import INPUT_CHANNEL, POSITION_CHANNEL, standard_normals
 
 Array = NDArray[np.float64]
@@ -83,7 +84,7 @@ def mirrored(rig: Rig, scenario: Scenario) -> Scenario:
     return replace(scenario, initial_gap=2 * start - scenario.initial_gap)
 
 
-def check_fits(loop: graphs.LoopGraph, design: Design) -> None:
+def check_fits(loop: grids.LoopGraph, design: Design) -> None:
     """Raise `ValueError` when a loop was built for another controller, method or rig.
 
     Another plant is none of it, nor another path: a controller may meet both.
@@ -105,7 +106,7 @@ def check_fits(loop: graphs.LoopGraph, design: Design) -> None:
 
 
 def parameter_vector(
-    loop: graphs.LoopGraph, design: Design, scenario: Scenario, *, clamped: bool = True
+    loop: grids.LoopGraph, design: Design, scenario: Scenario, *, clamped: bool = True
 ) -> Array:
     """Return the numbers of `loop.parameter_names` for one controller on one plant."""
     rig = loop.rig
@@ -123,14 +124,14 @@ def parameter_vector(
         "beta": scenario.beta_plant,
         "g": rig.plant.gravity if scenario.gravity is None else scenario.gravity,
         "y0": rig.plant.gap_offset if scenario.gap_offset is None else scenario.gap_offset,
-        "gap_low": graphs.contact_gap(rig),
+        "gap_low": grids.contact_gap(rig),
         "gap_high": rig.limits.gap[1],
     }
     return np.array([values[name] for name in loop.parameter_names], dtype=float)
 
 
 def start_state(
-    loop: graphs.LoopGraph, design: Design, scenario: Scenario, first_noise: float = 0.0
+    loop: grids.LoopGraph, design: Design, scenario: Scenario, first_noise: float = 0.0
 ) -> Array:
     """Return the state at t = 0, SI units.
 
@@ -140,22 +141,22 @@ def start_state(
     known = first_sample(loop, design, scenario, first_noise)
     held = held_voltage(loop.rig, design, known)
     if loop.emulator is not None:
-        held = float(graphs.rounded(held, loop.emulator.actuator_step))
-    program = graphs.start_program(design.controller)
+        held = float(grids.rounded(held, loop.emulator.actuator_step))
+    program = start_program(design.controller)
     own = program.scalar()(*[known[name] for name in program.inputs])
     values = {"y": scenario.initial_gap, "v": scenario.initial_velocity, "alive": 1.0}
-    values |= dict(zip(program.outputs, own, strict=True)) | {graphs.COIL: held}
+    values |= dict(zip(program.outputs, own, strict=True)) | {grids.COIL: held}
     return np.array([held if n.startswith("held") else values[n] for n in loop.state_names])
 
 
 def first_sample(
-    loop: graphs.LoopGraph, design: Design, scenario: Scenario, first_noise: float
+    loop: grids.LoopGraph, design: Design, scenario: Scenario, first_noise: float
 ) -> dict[str, float]:
     """Return what a law can read before its first step, and its gains, by symbol name."""
     y_ref, v_ref, acc_ref = loop.start
     measured = scenario.initial_gap + first_noise
     if loop.emulator is not None:
-        measured = float(graphs.rounded(measured, loop.emulator.sensor_step))
+        measured = float(grids.rounded(measured, loop.emulator.sensor_step))
     return {
         "y": measured,
         "v": scenario.initial_velocity,
@@ -169,7 +170,7 @@ def first_sample(
 
 def held_voltage(rig: Rig, design: Design, reference: Mapping[str, float]) -> float:
     """Return the voltage [V] that acts before the first sample: the feedforward of the start."""
-    program = graphs.feedforward_program(design.method, design.controller)
+    program = feedforward_program(design.method, design.controller)
     low, high = rig.limits.voltage
     known = {**reference, "U": design.believed.U, "u_min": low, "u_max": high}
     known |= design.coefficients

@@ -17,20 +17,22 @@ import casadi as ca
 import numpy as np
 
 from maglev_design import design as designs
-from maglev_design.choices import Controller
 from maglev_design.lowering import Program
+from maglev_design.options import Controller
 from maglev_design.parameters import Emulator
-from maglev_design.simulate.graph import (
-    COIL,
-    LoopGraph,
+from maglev_design.programs import (
     acceleration_program,
     coil_program,
     continuous_program,
     metrics_program,
-    pole_names,
-    rounded,
     start_program,
     step_program,
+)
+from maglev_design.simulate.grid import (
+    COIL,
+    LoopGraph,
+    pole_names,
+    rounded,
 )
 
 SIXTH = 1 / 6  # a product is faster than a division

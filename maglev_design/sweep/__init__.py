@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from maglev_design.choices import Backend
 from maglev_design.design import Design
 from maglev_design.errors import InputError
+from maglev_design.options import Backend
 from maglev_design.parameters import Rig
 from maglev_design.simulate import compiled
 from maglev_design.sweep.chunks import is_done, open_folder, write_chunk

@@ -13,11 +13,11 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design import design as designs
-from maglev_design.choices import Equilibrium
 from maglev_design.design import Design
-from maglev_design.loop import family
+from maglev_design.linear_loop import family
+from maglev_design.options import Equilibrium
 from maglev_design.parameters import Rig, Spread
+from maglev_design.programs import believed_program, beta_program
 
 Array = NDArray[np.float64]
 Sampling = Literal["lhs", "sobol", "random"]
@@ -178,13 +178,13 @@ def plant_betas(rig: Rig, design: Design, drawn: dict[str, Array]) -> Array | fl
     """
     if beta_is_computed(rig, design.equilibrium):
         parts = [drawn.get(name, getattr(rig.plant, name)) for name in BETA_PARTS]
-        (beta,) = designs.beta_program().numpy()(*parts)
+        (beta,) = beta_program().numpy()(*parts)
         return np.asarray(beta, dtype=float)
     ratio = drawn.get(RATIO, 1.0)
     if design.equilibrium != "measured":
         return design.believed.beta / ratio
     gravity, offset = (drawn.get(x, getattr(rig.plant, x)) for x in ("gravity", "gap_offset"))
     voltage = design.believed.U * np.sqrt(ratio)
-    held = designs.believed_program("measured").numpy()
+    held = believed_program("measured").numpy()
     *_, beta = held(gravity, design.believed.beta, design.Y, offset, voltage)
     return np.asarray(beta, dtype=float)

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design.choices import SCHEMA_VERSION
 from maglev_design.design import Design
+from maglev_design.options import SCHEMA_VERSION
 from maglev_design.sweep.chunks import column, read
 from maglev_design.sweep.scenarios import FIGURES
 from maglev_design.sweep.setup import Setup

@@ -22,11 +22,11 @@ from types import MappingProxyType
 import sympy as sp
 from sympy import Expr, Matrix, Symbol
 
-from maglev_design.choices import Method
+from maglev_design.options import Method
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.laws import ControlLaw, StateSpace, tan_gpi
 from maglev_design.symbolic.linearisation import linearise
-from maglev_design.symbolic.running import named_core
+from maglev_design.symbolic.sampling import named_core
 from maglev_design.symbolic.stability import believed, first_part
 
 ratio = Symbol("ratio", positive=True)
@@ -108,7 +108,7 @@ def sampled_matrix(
 
     Phi and the Gammas are the functions :data:`HOLD` of q, for which symbols stand here. The
     controller is its difference equation: in these symbols, m, C_U^ and the coefficients of
-    :func:`maglev_design.symbolic.running.named_core`; affine in the symbols of :data:`HOLD`, and
+    :func:`maglev_design.symbolic.sampling.named_core`; affine in the symbols of :data:`HOLD`, and
     in m.
 
     Parameters

@@ -3,7 +3,7 @@
 A law is a linear core from what is measured to a correction w, a static map from w and the
 reference to the commanded voltage, an anti-windup rule, the bounds of its integrators and the
 state it starts from. How a law is sampled, clamped and guarded is in
-:mod:`maglev_design.symbolic.running`; simulation, tuning and export lower the same expressions.
+:mod:`maglev_design.symbolic.sampling`; simulation, tuning and export lower the same expressions.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import sympy as sp
 from sympy import Expr, Matrix, Symbol
 
-from maglev_design.choices import TAN_GPI, Controller
+from maglev_design.options import TAN_GPI, Controller
 from maglev_design.symbolic import plant as p
 
 w = Symbol("w", real=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import sympy as sp
 from sympy import Expr, Matrix, Symbol
 
-from maglev_design.choices import Equilibrium
+from maglev_design.options import Equilibrium
 from maglev_design.symbolic import plant as p
 
 

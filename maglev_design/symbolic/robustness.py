@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import sympy as sp
 from sympy import Expr, Symbol
 
-from maglev_design.choices import Equilibrium, Method
+from maglev_design.options import Equilibrium, Method
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic import stability
 from maglev_design.symbolic.laws import ControlLaw

@@ -13,7 +13,7 @@ from typing import Literal
 import sympy as sp
 from sympy import Expr, Matrix, Symbol
 
-from maglev_design.choices import Method
+from maglev_design.options import Method
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.laws import (
     ControlLaw,
@@ -22,7 +22,7 @@ from maglev_design.symbolic.laws import (
     pole_pairs_polynomial,
     tan_gpi,
 )
-from maglev_design.symbolic.running import discretise
+from maglev_design.symbolic.sampling import discretise
 
 first_part = Symbol("T_1", nonnegative=True)
 """[s] Part of a period for which the voltage of an earlier sample still acts."""

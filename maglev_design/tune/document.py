@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from maglev_design.choices import Scenarios
 from maglev_design.design import Design
+from maglev_design.options import Scenarios
 from maglev_design.simulate.independent import INTEGRATOR
 from maglev_design.tune.figures import (
     VERIFICATION_TOLERANCE,

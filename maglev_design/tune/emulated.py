@@ -15,9 +15,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from maglev_design import loop as loops
-from maglev_design.choices import TAN_GPI
+from maglev_design import linear_loop as loops
 from maglev_design.design import Design, PoleSpec, make_design
+from maglev_design.options import TAN_GPI
 from maglev_design.parameters import Rig
 from maglev_design.simulate import (
     Metrics,

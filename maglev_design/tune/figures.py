@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design import loop as loops
+from maglev_design import linear_loop as loops
 from maglev_design.design import PoleSpec
 from maglev_design.simulate import Metrics, resimulate, respond, simulate_batch
 from maglev_design.tune.emulated import emulated_limits

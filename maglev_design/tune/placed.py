@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design.choices import TAN_GPI, Controller
 from maglev_design.design import Believed, PoleSpec, gain_names
 from maglev_design.errors import InfeasibleError, InputError, nearest
-from maglev_design.programs import program
+from maglev_design.options import TAN_GPI, Controller
+from maglev_design.programs import gains_of_pid_program
 from maglev_design.tune.cautions import cautions
 from maglev_design.tune.emulated import emulated_row
 from maglev_design.tune.figures import judge, verify, with_noise
@@ -100,7 +100,7 @@ def gains_of(
         )
     gains = tuple(given[name] for name in wanted)
     if wanted is PID_NAMES:
-        gains = program("gains_of_pid").scalar()(*gains, believed.C_U, believed.C_Y)
+        gains = gains_of_pid_program().scalar()(*gains, believed.C_U, believed.C_Y)
     poles = placed_by(dict(zip(own, gains, strict=True)), given)
     if not pid:
         return controller, gains, poles

@@ -15,16 +15,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design import choices
-from maglev_design import loop as loops
-from maglev_design.choices import (
-    DEFAULT_MAX_MS,
-    TAN_GPI,
-    Controller,
-    Equilibrium,
-    Method,
-    Scenarios,
-)
+from maglev_design import linear_loop as loops
+from maglev_design import options
 from maglev_design.design import (
     Believed,
     Design,
@@ -34,6 +26,14 @@ from maglev_design.design import (
     make_design,
 )
 from maglev_design.errors import InputError, nearest
+from maglev_design.options import (
+    DEFAULT_MAX_MS,
+    TAN_GPI,
+    Controller,
+    Equilibrium,
+    Method,
+    Scenarios,
+)
 from maglev_design.parameters import Rig
 from maglev_design.simulate import (
     LoopGraph,
@@ -67,7 +67,7 @@ Certifies = Callable[[Design], bool]
 class Objective:
     """One row of the table of objectives: an attribute of ``Metrics`` to be made small."""
 
-    key: choices.Objective
+    key: options.Objective
     title: str
     unit: str
 
@@ -274,7 +274,7 @@ def build_problem(
     Parameters
     ----------
     beta_error, voltage
-        As :func:`maglev_design.loop.family` and
+        As :func:`maglev_design.linear_loop.family` and
         :func:`maglev_design.design.believed_equilibrium` take them.
     controller, gains
         For a controller that is judged and not searched for.

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design import loop as loops
+from maglev_design import linear_loop as loops
 from maglev_design.parameters import MOST_DELAYED_PERIODS
 from maglev_design.tune import dense
 from maglev_design.tune.problem import Case, TuningProblem

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from maglev_design.choices import EQUILIBRIA, METHODS, Method
 from maglev_design.design import Design, PoleSpec, believed_equilibrium
 from maglev_design.interrupt import deferred
+from maglev_design.options import EQUILIBRIA, METHODS, Method
 from maglev_design.tune.cautions import cautions
 from maglev_design.tune.emulated import (
     EmulatedRow,

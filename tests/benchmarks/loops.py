@@ -25,7 +25,7 @@ from maglev_design.simulate import (
 )
 from maglev_design.simulate.batch import first_noise, summaries
 from maglev_design.simulate.scenario import parameter_vector, start_state
-from maglev_design.simulate.tangents import start_tangent
+from maglev_design.simulate.sensitivities import start_tangent
 
 Array = NDArray[np.float64]
 

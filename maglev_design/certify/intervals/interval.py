@@ -20,7 +20,7 @@ from math import isqrt
 import sympy as sp
 from sympy import Expr, Poly
 
-from maglev_design import design as designs
+from maglev_design import programs
 from maglev_design.certify.intervals import algebraic
 from maglev_design.certify.intervals.algebraic import Root
 from maglev_design.certify.intervals.arithmetic import Arithmetic
@@ -28,8 +28,8 @@ from maglev_design.certify.intervals.routh import is_hurwitz
 from maglev_design.certify.intervals.spans import End, Span, StableSet, unite
 from maglev_design.certify.numbers import as_designed, fraction, rational
 from maglev_design.certify.rationals import decimal
-from maglev_design.choices import Equilibrium
 from maglev_design.design import Design
+from maglev_design.options import Equilibrium
 from maglev_design.parameters import Rig
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic import robustness, stability
@@ -88,7 +88,7 @@ def exact_loop(rig: Rig, design: Design, recomputed: Equilibrium | None = None) 
         The reading by which a controller with the same gains is computed anew on each plant; by
         default the controller stays.
     """
-    law = designs.law(design.controller)
+    law = programs.law(design.controller)
     pencil = robustness.continuous_pencil(law)
     enters = robustness.uncertainty(law, recomputed)
     numbers = as_designed(rig, design)

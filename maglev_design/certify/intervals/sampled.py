@@ -19,13 +19,13 @@ from typing import Any
 import sympy as sp
 from sympy import Symbol
 
-from maglev_design import design as designs
+from maglev_design import programs
 from maglev_design.certify.intervals.arithmetic import Arithmetic
 from maglev_design.certify.intervals.jets import Jet
 from maglev_design.certify.numbers import as_run, fraction
-from maglev_design.choices import Controller, Method
 from maglev_design.design import Design
 from maglev_design.lowering import Program, lower
+from maglev_design.options import Controller, Method
 from maglev_design.parameters import Rig
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic import robustness, stability
@@ -82,7 +82,7 @@ def timing(period: Fraction, delay: Fraction) -> Timing:
 
 def setting(rig: Rig, design: Design) -> Setting:
     """Return the exact numbers of a controller's sampled loop: the doubles that run."""
-    law = designs.law(design.controller)
+    law = programs.law(design.controller)
     enters = robustness.uncertainty(law)
     numbers = as_run(rig, design)
     true = linearise(p.magnetic_levitation()).C_Y_rest
@@ -161,7 +161,7 @@ def _product(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
 @cache
 def parts(method: Method, controller: Controller, split: bool) -> Parts:
     """Return the programs of a sampled loop."""
-    law = designs.law(controller)
+    law = programs.law(controller)
     made = robustness.sampled_parts(law, method, split=split)
     plant = (made.plant_den, made.plant_gap, made.plant_velocity)
     own = (made.law_den, made.law_gap, made.law_velocity, made.law_gap_c_y, made.law_velocity_c_y)

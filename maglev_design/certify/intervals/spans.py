@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from maglev_design.choices import Equilibrium
+from maglev_design.options import Equilibrium
 
 
 @dataclass(frozen=True)

@@ -25,10 +25,10 @@ from maglev_design.certify.lyapunov.exact import Matrix, failing, is_positive_de
 from maglev_design.certify.lyapunov.family import Claim, Subject, state_names, subject
 from maglev_design.certify.lyapunov.lmi import LOOPS, LmiCertificate, as_strings
 from maglev_design.certify.lyapunov.words import claim_in_words, controller_in_words
-from maglev_design.choices import SCHEMA_VERSION, TAN_GPI
 from maglev_design.design import Design, difference_coefficients
 from maglev_design.errors import InputError
 from maglev_design.files import digest, read_document, write_bytes
+from maglev_design.options import SCHEMA_VERSION, TAN_GPI
 from maglev_design.parameters import Rig
 
 KIND = "maglev-design-certificate"

@@ -59,10 +59,9 @@ from maglev_design.certify.lyapunov.family import (
     Vector,
     check_family,
 )
-from maglev_design.choices import TAN_GPI, Method
-from maglev_design.design import law
 from maglev_design.lowering import Program, lower
-from maglev_design.programs import derived
+from maglev_design.options import TAN_GPI, Method
+from maglev_design.programs import derived, law
 from maglev_design.symbolic import closed_loop as cl
 from maglev_design.symbolic import plant as p
 

@@ -16,13 +16,12 @@ from typing import Any, Literal
 
 from maglev_design.certify.numbers import check_same_rig
 from maglev_design.certify.rationals import decimal
-from maglev_design.choices import TAN_GPI, Equilibrium, Method
-from maglev_design.design import Design, law
+from maglev_design.design import Design
 from maglev_design.errors import InputError
-from maglev_design.files import digest
+from maglev_design.files import digest, finite
+from maglev_design.options import TAN_GPI, Equilibrium, Method
 from maglev_design.parameters import Rig
-from maglev_design.plain import finite
-from maglev_design.programs import derived
+from maglev_design.programs import derived, law
 
 LoopName = Literal["continuous", "sampled"]
 Vector = tuple[Fraction, ...]
@@ -188,7 +187,7 @@ def claim(
     gap_range: tuple[float, float] | None = None,
     equilibrium: Equilibrium = "model",
 ) -> Claim:
-    """Return the claim over the family of :func:`maglev_design.loop.family`.
+    """Return the claim over the family of :func:`maglev_design.linear_loop.family`.
 
     Parameters
     ----------
@@ -197,7 +196,7 @@ def claim(
     gap_range : tuple of float, optional
         [m]; default: the hull of path, initial gap and Y.
     """
-    from maglev_design.loop import family  # noqa: PLC0415 - CasADi, which a checker can do without
+    from maglev_design.linear_loop import family  # noqa: PLC0415 - CasADi, which a checker can do without
 
     over = family(rig, equilibrium, None if beta_error is None else float(beta_error))
     ends = over.gaps if gap_range is None else gap_range

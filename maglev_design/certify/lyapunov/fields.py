@@ -9,9 +9,9 @@ from dataclasses import asdict
 from fractions import Fraction
 from typing import Any, TypeVar
 
-from maglev_design.choices import METHODS, TAN_GPI
 from maglev_design.design import gain_names
 from maglev_design.errors import InputError, nearest
+from maglev_design.options import METHODS, TAN_GPI
 from maglev_design.programs import derived
 
 LONGEST_NUMBER = 200

@@ -1,6 +1,6 @@
 """The nonlinear loop around its rest in exact numbers: what the region's proof is about.
 
-The continuous loop that runs (:func:`maglev_design.symbolic.running.continuous_equation`, guards
+The continuous loop that runs (:func:`maglev_design.symbolic.sampling.continuous_equation`, guards
 included) regulates at the gap r. On a plant whose voltage at rest is u_eq it is, in the deviations
 z = (e, q, v, x_2, ...) from that rest, e = y - r, q = u - u_eq before the clamp, v = y',
 
@@ -29,12 +29,13 @@ import sympy as sp
 from sympy import Matrix, Rational, Symbol
 
 from maglev_design import design as designs
+from maglev_design import programs
 from maglev_design.design import Design
 from maglev_design.errors import InputError
 from maglev_design.lowering import Program, lower
 from maglev_design.parameters import Rig
-from maglev_design.simulate.graph import contact_gap
-from maglev_design.symbolic import laws, running, stability
+from maglev_design.simulate.grid import contact_gap
+from maglev_design.symbolic import laws, sampling, stability
 from maglev_design.symbolic import plant as p
 
 E_ROW, Q_ROW, V_ROW = 0, 1, 2
@@ -179,14 +180,14 @@ def deviation(
         For another law, or a gap, or a voltage at rest, outside the rig's limits.
     """
     gap = rig.reference.start_gap if gap is None else gap
-    law = designs.law(design.controller)
+    law = programs.law(design.controller)
     numbers = _numbers(rig, design)
     here = {p.y_ref: Rational(gap), p.acc_ref: 0, p.y: Rational(gap) + p.e}
 
     def evaluated(expression: sp.Expr) -> sp.Expr:
         return sp.expand(stability.believed(expression).subs(here).subs(numbers))
 
-    rates, command = running.continuous_equation(law)
+    rates, command = sampling.continuous_equation(law)
     flows = [evaluated(_running(rate)) for rate in rates]
     voltage = evaluated(command)
     states = (p.e, *law.states)
@@ -222,7 +223,7 @@ def _numbers(rig: Rig, design: Design) -> dict[Symbol, Rational]:
     """Return what the law is made of, the numbers that run taken as exact."""
     known = designs.coefficient_inputs(rig, design.believed) | design.named_gains
     known |= {"U": design.believed.U, "Y": design.Y}
-    law = designs.law(design.controller)
+    law = programs.law(design.controller)
     symbols = (p.C_U_hat, p.C_Y_hat, p.beta_c, p.g, p.y0, p.Y, p.U, *law.gains)
     return {x: Rational(known[x.name]) for x in symbols}
 

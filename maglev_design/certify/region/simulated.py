@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from maglev_design.certify.rationals import decimal
 from maglev_design.certify.region.guaranteed import Region
-from maglev_design.choices import Backend
 from maglev_design.design import Design
 from maglev_design.errors import InputError
+from maglev_design.options import Backend
 from maglev_design.parameters import ReferencePath, Rig
 from maglev_design.simulate import Scenario, loop_for, simulate_batch
-from maglev_design.simulate.graph import contact_gap
+from maglev_design.simulate.grid import contact_gap
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sympy as sp
 from sympy import Expr, Matrix
 
-from maglev_design.symbolic import derivation_terms as d
+from maglev_design.derivation import terms as d
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.flatness import FlatModel, round_trip_residual
 from maglev_design.symbolic.laws import reference_voltage, tan_gpi

@@ -5,10 +5,10 @@ from __future__ import annotations
 import sympy as sp
 from sympy import Expr, Matrix
 
-from maglev_design.symbolic import derivation_terms as d
+from maglev_design.derivation import terms as d
+from maglev_design.derivation.control import FOUR, printed_law
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic import reference as ref
-from maglev_design.symbolic.derivation_control import FOUR, printed_law
 from maglev_design.symbolic.flatness import FlatModel
 from maglev_design.symbolic.laws import (
     gpi_transfer,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import sympy as sp
 from sympy import Expr, Matrix
 
-from maglev_design.symbolic import derivation_terms as d
+from maglev_design.derivation import terms as d
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.flatness import FlatModel
 from maglev_design.symbolic.laws import (

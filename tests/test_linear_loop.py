@@ -16,8 +16,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 from scipy.signal import cont2discrete, tf2ss
 
-from maglev_design import loop as loops
-from maglev_design.choices import EQUILIBRIA, METHODS, TAN_GPI, Controller, Equilibrium, Method
+from maglev_design import linear_loop as loops
 from maglev_design.design import (
     PoleSpec,
     believed_equilibrium,
@@ -25,7 +24,8 @@ from maglev_design.design import (
     plant_beta,
 )
 from maglev_design.errors import InputError
-from maglev_design.loop import Family, Loop, build_loop
+from maglev_design.linear_loop import Family, Loop, build_loop
+from maglev_design.options import EQUILIBRIA, METHODS, TAN_GPI, Controller, Equilibrium, Method
 from maglev_design.parameters import Rig
 from maglev_design.simulate import Scenario, loop_for
 from maglev_design.simulate.scenario import parameter_vector

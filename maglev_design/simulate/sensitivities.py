@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design.choices import Controller, Method
 from maglev_design.design import (
     Design,
     coefficient_inputs,
-    coefficients_program,
     gain_names,
-    gains_program,
 )
-from maglev_design.simulate import graph as graphs
+from maglev_design.options import Controller, Method
+from maglev_design.programs import coefficients_program, gains_program, start_program
+from maglev_design.simulate import grid as grids
 from maglev_design.simulate.scenario import Scenario, first_sample
 
 if TYPE_CHECKING:
@@ -33,7 +32,7 @@ class Tangent:
     Attributes
     ----------
     parameters : array, shape (n_parameters, directions)
-        Of the loop's parameter vector; only :func:`maglev_design.simulate.graph.pole_names` move.
+        Of the loop's parameter vector; only :func:`maglev_design.simulate.grid.pole_names` move.
     gains : array, shape (n_gains, directions)
         Of the law's gains.
     """
@@ -47,7 +46,7 @@ def _start_jacobian(controller: Controller) -> ca.Function:
     """Return the derivative of the law's first states with respect to its gains."""
     import casadi as ca  # noqa: PLC0415 - only for sensitivities
 
-    program = graphs.start_program(controller)
+    program = start_program(controller)
     inputs = {name: ca.SX.sym(name) for name in program.inputs}
     gains = ca.vertcat(*[inputs[name] for name in gain_names(controller)])
     states = ca.vertcat(*program.casadi(*inputs.values()))
@@ -56,13 +55,13 @@ def _start_jacobian(controller: Controller) -> ca.Function:
 
 
 def start_tangent(
-    loop: graphs.LoopGraph, design: Design, scenario: Scenario, first_noise: float, gains: Array
+    loop: grids.LoopGraph, design: Design, scenario: Scenario, first_noise: float, gains: Array
 ) -> Array:
     """Return the derivative of the loop's first state, shape (n_states, directions)."""
     known = first_sample(loop, design, scenario, first_noise)
     jacobian = _start_jacobian(design.controller)
     rows = np.zeros((len(loop.state_names), gains.shape[1]))
-    own = [loop.state_names.index(name) for name in graphs.start_program(design.controller).outputs]
+    own = [loop.state_names.index(name) for name in start_program(design.controller).outputs]
     rows[own] = jacobian(*[known[name] for name in jacobian.name_in()]).full() @ gains
     return rows
 
@@ -83,7 +82,7 @@ def _pole_jacobian(method: Method | None, controller: Controller) -> ca.Function
         known = fixed | values
         numbers = program.casadi(*[known[name] for name in program.inputs])
         values |= dict(zip(program.outputs, numbers, strict=True))
-    names = (*graphs.controller_names(method, controller), *graphs.PLANT_NAMES)
+    names = (*grids.controller_names(method, controller), *grids.PLANT_NAMES)
     moving = ca.vertcat(*[values.get(name, ca.SX(0)) for name in dict.fromkeys(names)])
     return ca.Function(
         "pole_jacobian",
@@ -94,7 +93,7 @@ def _pole_jacobian(method: Method | None, controller: Controller) -> ca.Function
     )
 
 
-def pole_tangent(loop: graphs.LoopGraph, design: Design, directions: Array) -> Tangent:
+def pole_tangent(loop: grids.LoopGraph, design: Design, directions: Array) -> Tangent:
     """Return the derivatives of parameters and gains by the poles, times `directions`.
 
     Parameters

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import sympy as sp
 from sympy import Expr, Matrix
 
-from maglev_design.choices import Method
-from maglev_design.symbolic import derivation_terms as d
+from maglev_design.derivation import terms as d
+from maglev_design.derivation.control import FOUR
+from maglev_design.options import Method
 from maglev_design.symbolic import plant as p
-from maglev_design.symbolic.derivation_control import FOUR
 from maglev_design.symbolic.laws import gpi_transfer, tan_gpi
-from maglev_design.symbolic.running import discretise
+from maglev_design.symbolic.sampling import discretise
 from maglev_design.symbolic.stability import first_part, sampled_plant
 
 SAMPLED = "Sampling"

@@ -15,9 +15,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from maglev_design.choices import METHODS, Method
 from maglev_design.lowering import lower
-from maglev_design.symbolic import laws, running
+from maglev_design.options import METHODS, Method
+from maglev_design.symbolic import laws, sampling
 from maglev_design.symbolic import plant as p
 
 Array = NDArray[np.float64]
@@ -67,7 +67,7 @@ def matrices(core: laws.StateSpace) -> Callable[..., list[Array]]:
 @cache
 def core_of(name: str, method: Method | None) -> Callable[..., list[Array]]:
     core = law_of(name).core
-    return matrices(core if method is None else running.discretise(core, method))
+    return matrices(core if method is None else sampling.discretise(core, method))
 
 
 def numbers_of(name: str, poles: tuple[float, ...]) -> list[float]:
@@ -102,7 +102,7 @@ def test_the_discretisation_is_scipy_s(
 
 @law_names
 def test_a_law_reads_the_velocity_only_where_it_is_measured(name: str) -> None:
-    read = [signal.name for signal in running.signals(law_of(name))]
+    read = [signal.name for signal in sampling.signals(law_of(name))]
     measured = ["y", "v", "y_ref", "v_ref", "acc_ref"]
     expected = measured if name == "state-feedback" else ["y", "y_ref", "acc_ref"]
     assert read == expected
@@ -117,13 +117,13 @@ Step = tuple[list[float], float, float]
 def stepper(name: str, method: Method) -> Callable[..., Step]:
     """Return the step as (states, signals, upper limit) -> (next states, commanded, applied)."""
     law = law_of(name)
-    equation = running.difference_equation(law, method)
+    equation = sampling.difference_equation(law, method)
     names = list(equation.coefficients)
-    signals = running.signals(law)
+    signals = sampling.signals(law)
     inputs = (*law.states, *signals, p.Y, p.U, laws.u_min, laws.u_max, *names)
     outputs = {f"next{n}": x for n, x in enumerate(equation.next_states)}
-    outputs |= {"commanded": running.commanded, "applied": equation.applied}
-    run_step = lower(inputs, outputs, {running.commanded: equation.commanded}).scalar()
+    outputs |= {"commanded": sampling.commanded, "applied": equation.applied}
+    run_step = lower(inputs, outputs, {sampling.commanded: equation.commanded}).scalar()
     known = (*SYMBOLS, p.beta_c, p.g, p.Y, p.y0, laws.u_min, laws.u_max)
     entries = {s.name: x for s, x in equation.coefficients.items()}
     coefficients = lower(known, entries).scalar()
@@ -325,14 +325,14 @@ def test_without_an_upper_limit_nothing_is_held_back(name: str, method: Method) 
 def flow(name: str) -> Callable[..., tuple[list[float], float]]:
     """Return the continuous law as (states, sample) -> (rates, commanded)."""
     law = law_of(name)
-    rates, command = running.continuous_equation(law)
-    signals = running.signals(law)
+    rates, command = sampling.continuous_equation(law)
+    signals = sampling.signals(law)
     inputs = (*law.states, *signals, p.Y, p.U, laws.u_min, laws.u_max, *SYMBOLS[:2])
     outputs = {f"rate{n}": rate for n, rate in enumerate(rates)}
     run_rates = lower(
         (*inputs, *SYMBOLS[3:], p.beta_c, p.g, p.y0),
-        outputs | {"commanded": running.commanded},
-        {running.commanded: command},
+        outputs | {"commanded": sampling.commanded},
+        {sampling.commanded: command},
     ).scalar()
     own = numbers_of(name, POLES)
 
@@ -404,7 +404,7 @@ def test_the_continuous_integrator_stops_at_the_clamp_and_at_its_bound(
 @methods
 @law_names
 def test_what_does_not_depend_on_the_gains_stays_a_number(name: str, method: Method) -> None:
-    equation = running.difference_equation(law_of(name), method)
+    equation = sampling.difference_equation(law_of(name), method)
     assert not [x for x in equation.coefficients.values() if sp.sympify(x).is_Integer]
     assert "a11" not in {s.name for s in equation.coefficients}, "an integrator keeps its state"
     assert "x1_max" in {s.name for s in equation.coefficients}
@@ -416,9 +416,9 @@ def test_what_does_not_depend_on_the_gains_stays_a_number(name: str, method: Met
 @cache
 def bumpless(method: Method) -> Callable[..., tuple[float, ...]]:
     """Return (error, y_ref, acc, u, coefficients by name) -> the TAN-GPI's states."""
-    equation = running.difference_equation(law_of("tan-gpi"), method)
+    equation = sampling.difference_equation(law_of("tan-gpi"), method)
     inputs = (*equation.signals, p.u, p.Y, p.U, laws.u_min, laws.u_max, *equation.coefficients)
-    start = running.bumpless_start(equation)
+    start = sampling.bumpless_start(equation)
     known = (*SYMBOLS, p.beta_c, p.g, p.Y, p.y0, laws.u_min, laws.u_max)
     entries = {s.name: x for s, x in equation.coefficients.items()}
     values = lower(known, entries).scalar()(
@@ -452,4 +452,4 @@ def test_a_bumpless_start_keeps_the_integrator_s_bound(method: Method) -> None:
 
 def test_a_law_that_is_not_linear_in_its_integrator_has_no_bumpless_start() -> None:
     with pytest.raises(ValueError, match="not linear"):
-        running.bumpless_start(running.difference_equation(law_of("fee-gpi"), "tustin"))
+        sampling.bumpless_start(sampling.difference_equation(law_of("fee-gpi"), "tustin"))

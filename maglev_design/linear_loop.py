@@ -23,11 +23,17 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from maglev_design import design as designs
-from maglev_design.choices import TAN_GPI, Controller, Equilibrium, Method
 from maglev_design.design import Believed, Design
 from maglev_design.errors import InputError
+from maglev_design.options import TAN_GPI, Controller, Equilibrium, Method
 from maglev_design.parameters import Rig
-from maglev_design.programs import program
+from maglev_design.programs import (
+    gains_program,
+    hurwitz_program,
+    plant_program,
+    sampled_loop_program,
+    slope_program,
+)
 
 Array = NDArray[np.float64]
 
@@ -237,13 +243,13 @@ def build_loop(
 
     beta = believed.beta / ratio
     placed = (
-        designs.gains_program(controller).casadi(*ca.vertsplit(poles))
+        gains_program(controller).casadi(*ca.vertsplit(poles))
         if gains is None
         else [ca.SX(k) for k in gains]
     )
     offset = plant.gap_offset
-    held, c_u, c_y = designs.plant_program().casadi(plant.gravity, beta, offset, gap)
-    slope, believed_gain = designs.slope_program(controller).casadi(
+    held, c_u, c_y = plant_program().casadi(plant.gravity, beta, offset, gap)
+    slope, believed_gain = slope_program(controller).casadi(
         held, gap, believed.beta, offset, believed.C_U
     )
     gain = c_u * slope
@@ -260,7 +266,7 @@ def build_loop(
     coefficients = ca.vertcat(*closed)
     effort = [slope * x for x in parts["effort"]] + late
     noise = ca.sqrt(_mean_square(effort, closed))
-    shares = program("hurwitz", controller).casadi(gain / believed_gain, c_y, believed.C_Y, *placed)
+    shares = hurwitz_program(controller).casadi(gain / believed_gain, c_y, believed.C_Y, *placed)
     margin = ca.mmin(ca.vertcat(*shares))
     return Loop(
         period=period,
@@ -282,7 +288,7 @@ def build_loop(
 
 def _sampled(method: Method, controller: Controller, *known: Any) -> dict[str, list[Any]]:
     """Return the polynomials of :func:`maglev_design.symbolic.stability.sampled_loop` by name."""
-    lowered = program("sampled_loop", method, controller)
+    lowered = sampled_loop_program(method, controller)
     parts: dict[str, list[Any]] = {}
     for name, value in zip(lowered.outputs, lowered.casadi(*known), strict=True):
         parts.setdefault(name.rstrip("0123456789"), []).append(value)

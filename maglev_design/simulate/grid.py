@@ -17,11 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design import design as designs
-from maglev_design.choices import METHODS, TAN_GPI, Controller, Method
 from maglev_design.errors import InputError, check_numbers, check_word
-from maglev_design.lowering import Program
+from maglev_design.options import METHODS, TAN_GPI, Controller, Method
 from maglev_design.parameters import Emulator, Rig
-from maglev_design.programs import program
+from maglev_design.programs import (
+    coefficients_program,
+    continuous_program,
+    start_program,
+    step_program,
+)
 
 if TYPE_CHECKING:
     import casadi as ca
@@ -139,53 +143,6 @@ class LoopGraph:
         return quadrature(self)
 
 
-def acceleration_program() -> Program:
-    """Return the program (g, beta, gap + y0 as y, u) -> acceleration of the plant (4)."""
-    return program("acceleration")
-
-
-def metrics_program(crossing: bool = True) -> Program:
-    """Return the program of one step's increments of ISE, IAE and ITAE.
-
-    Without `crossing` for steps at whose ends the error has one sign.
-    """
-    return program("metrics", crossing)
-
-
-def coil_program() -> Program:
-    """Return the program (u_coil, u, L, R) -> rate of u_coil, the coil current over C."""
-    return program("coil")
-
-
-def step_program(method: Method, controller: Controller = TAN_GPI) -> Program:
-    """Return the sampled law's step: states, signals, Y, U, limits, coefficients -> next states.
-
-    The signals are y, y*, y*'' (and y', y*' where the law reads them). Outputs: the next states,
-    the commanded and the applied voltage. This program, printed, is the exported controller.
-    """
-    return program("step", method, controller)
-
-
-def feedforward_program(method: Method, controller: Controller = TAN_GPI) -> Program:
-    """Return the program y*, y*'', Y, U, limits, coefficients -> clamped voltage at w = 0."""
-    return program("feedforward", method, controller)
-
-
-def start_program(controller: Controller = TAN_GPI) -> Program:
-    """Return the program signals, Y, gains -> the law's states before the first sample."""
-    return program("start", controller)
-
-
-def bumpless_program(method: Method, controller: Controller = TAN_GPI) -> Program:
-    """Return the program signals, u, Y, U, limits, coefficients -> states that command u."""
-    return program("bumpless", method, controller)
-
-
-def continuous_program(controller: Controller = TAN_GPI) -> Program:
-    """Return the continuous law: states, signals, Y, U, limits, believed, gains -> rates."""
-    return program("continuous", controller)
-
-
 SIGNALS = ("y", "v", "y_ref", "v_ref", "acc_ref")
 """What a law may read at a sample; which of them it does, its programs say."""
 
@@ -207,7 +164,7 @@ def pole_names(method: Method | None, controller: Controller = TAN_GPI) -> froze
     gains = frozenset(designs.gain_names(controller))
     if method is None:
         return gains
-    return gains | designs.coefficients_program(method, controller).depending(gains)
+    return gains | coefficients_program(method, controller).depending(gains)
 
 
 def contact_gap(rig: Rig) -> float:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import sympy as sp
 from sympy import Expr, Matrix, Symbol
 
-from maglev_design.choices import Method
+from maglev_design.options import Method
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.laws import ControlLaw, StateSpace, u_max, u_min, w
 
