@@ -19,15 +19,16 @@ from maglev_design.parameters import Rig
 from maglev_design.simulate import (
     LoopGraph,
     Scenario,
+    Sensitivities,
     Summary,
-    Tangent,
     build,
     compiled,
     cores,
+    lanes,
     loop_for,
     mirrored,
     nominal_scenario,
-    pole_tangent,
+    pole_sensitivities,
     respond,
     simulate,
     simulate_batch,
@@ -132,11 +133,11 @@ def both(
     loop: LoopGraph,
     designs: Sequence[Design],
     scenarios: Sequence[Scenario],
-    tangents: Sequence[Tangent] | None = None,
+    sensitivities: Sequence[Sensitivities] | None = None,
     **options: Any,
 ) -> tuple[list[Summary], list[Summary]]:
     one, other = (
-        simulate_batch(loop, designs, scenarios, tangents, backend=backend, **options)
+        simulate_batch(loop, designs, scenarios, sensitivities, backend=backend, **options)
         for backend in ("compiled", "interpreted")
     )
     return one, other
@@ -191,9 +192,9 @@ def test_the_emulator_too(method: Method | None) -> None:
 def test_any_limits_and_horizons(changes: dict[str, Any], clamped: bool) -> None:
     rig, design = designed(changes=changes)
     loop = build(rig, "tustin", directions=2)
-    tangent = pole_tangent(loop, design, DIRECTIONS[2])
+    sensitivities = pole_sensitivities(loop, design, DIRECTIONS[2])
     scenarios = [nominal_scenario(rig, plant_beta(rig) / ratio) for ratio in (0.9, 1.1)]
-    found, expected = both(loop, [design] * 2, scenarios, [tangent] * 2, clamped=clamped)
+    found, expected = both(loop, [design] * 2, scenarios, [sensitivities] * 2, clamped=clamped)
     for one, other in zip(found, expected, strict=True):
         assert_agree(one, other)
 
@@ -213,9 +214,9 @@ def test_a_crash_is_the_same_one(name: str) -> None:
     base, poles, factor, gap = FATES[name]
     rig, design = designed(base=base, poles=poles)
     loop = build(rig, "tustin", directions=2)
-    tangent = pole_tangent(loop, design, DIRECTIONS[2])
+    sensitivities = pole_sensitivities(loop, design, DIRECTIONS[2])
     scenario = Scenario(plant_beta(rig) * factor, gap)
-    found, expected = both(loop, [design], [scenario], [tangent])
+    found, expected = both(loop, [design], [scenario], [sensitivities])
     assert found[0].metrics.crash is not None
     assert_agree(found[0], expected[0])
     assert np.isfinite(flat(found[0])).all()
@@ -251,9 +252,11 @@ def test_the_gradients_agree(
     rig, design = designed(name, method, share=share)
     options: dict[str, Any] = {"controller": LAWS[name], "fastest": 0.0 if method else 150.0}
     loop = build(rig, method, directions=directions, **options)
-    tangent = pole_tangent(loop, design, DIRECTIONS[directions])
+    sensitivities = pole_sensitivities(loop, design, DIRECTIONS[directions])
     scenarios = some_scenarios(rig)
-    found, expected = both(loop, [design] * len(scenarios), scenarios, [tangent] * len(scenarios))
+    found, expected = both(
+        loop, [design] * len(scenarios), scenarios, [sensitivities] * len(scenarios)
+    )
     plain = simulate_batch(
         build(rig, method, **options), [design] * len(scenarios), scenarios, backend="compiled"
     )
@@ -266,21 +269,21 @@ def test_the_gradients_agree(
         assert found[0].gradients[figure].any()
 
 
-def test_every_loop_has_its_own_design_and_tangent() -> None:
+def test_every_loop_has_its_own_design_and_sensitivities() -> None:
     rig, _ = designed()
     loop = build(rig, "tustin", directions=2)
     pairs = [PoleSpec.double(0.8 + 0.1 * n, 45.0 + 3 * n) for n in range(6)]
     designs = [make_design(rig, pair) for pair in pairs]
     scenarios = some_scenarios(rig)
-    tangents = [(1 + n) * np.ones((4, 2)) for n in range(6)]
-    own = [pole_tangent(loop, d, t) for d, t in zip(designs, tangents, strict=True)]
+    sensitivities = [(1 + n) * np.ones((4, 2)) for n in range(6)]
+    own = [pole_sensitivities(loop, d, t) for d, t in zip(designs, sensitivities, strict=True)]
     found, expected = both(loop, designs, scenarios, own)
     for one, other in zip(found, expected, strict=True):
         assert_agree(one, other)
     assert len({s.gradients["itae"][0] for s in found}) == 6
 
 
-def test_without_tangents_a_carrying_loop_has_gradients_of_zero() -> None:
+def test_without_sensitivities_a_carrying_loop_has_gradients_of_zero() -> None:
     rig, design = designed()
     loop = build(rig, "tustin", directions=2)
     for found in both(loop, [design], [nominal_scenario(rig, plant_beta(rig))]):
@@ -312,12 +315,12 @@ def test_nothing_depends_on_company_order_or_threads(
     rig, design = designed(method=method)
     loop = build(rig, method, directions=directions, fastest=0.0 if method else 250.0)
     columns = DIRECTIONS[2]
-    tangent = [pole_tangent(loop, design, columns)] if directions else None
+    sensitivities = [pole_sensitivities(loop, design, columns)] if directions else None
     scenarios = many(rig, 23)
     count = len(scenarios)
 
     def run(chosen: Sequence[int], threads: int = 1) -> list[Summary]:
-        own = None if tangent is None else tangent * len(chosen)
+        own = None if sensitivities is None else sensitivities * len(chosen)
         picked = [scenarios[n] for n in chosen]
         return simulate_batch(
             loop, [design] * len(chosen), picked, own, threads=threads, backend="compiled"
@@ -340,8 +343,8 @@ def test_nothing_depends_on_company_order_or_threads(
 def lanes_of(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], None]]:
     """Yield what sets another width; kernels are kept by their loop alone."""
 
-    def wide(lanes: int) -> None:
-        monkeypatch.setattr(compiled, "LANES", lanes)
+    def wide(count: int) -> None:
+        monkeypatch.setattr(lanes, "LANES", count)
         compiled.kernel.cache_clear()
 
     yield wide
@@ -349,16 +352,16 @@ def lanes_of(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], None]]
     compiled.kernel.cache_clear()
 
 
-@pytest.mark.parametrize("lanes", [1, 2, 8])
+@pytest.mark.parametrize("count", [1, 2, 8])
 def test_the_width_of_the_lanes_changes_rounding_alone(
-    lanes: int, lanes_of: Callable[[int], None]
+    count: int, lanes_of: Callable[[int], None]
 ) -> None:
     rig, design = designed()
     loop = build(rig, "tustin", directions=2)
-    tangent, scenarios = pole_tangent(loop, design, DIRECTIONS[2]), many(rig, 7)
-    arguments: Any = (loop, [design] * 7, scenarios, [tangent] * 7)
+    sensitivities, scenarios = pole_sensitivities(loop, design, DIRECTIONS[2]), many(rig, 7)
+    arguments: Any = (loop, [design] * 7, scenarios, [sensitivities] * 7)
     expected = simulate_batch(*arguments, backend="compiled")
-    lanes_of(lanes)
+    lanes_of(count)
     for one, other in zip(simulate_batch(*arguments, backend="compiled"), expected, strict=True):
         assert_agree(one, other)
 

@@ -30,12 +30,14 @@ from maglev_design.simulate import (
     Scenario,
     build,
     compiled,
+    lanes,
     nominal_scenario,
     printing,
     simulate_batch,
 )
 from maglev_design.simulate import batch as batches
 from maglev_design.simulate.noise import LARGEST_SEED, standard_normals
+from maglev_design.simulate.stepping import step_function
 
 Array = NDArray[np.float64]
 
@@ -395,14 +397,14 @@ def test_the_noise_has_the_same_bits(tmp_path: Path) -> None:
     kernel = resource("kernel.c")
     start = kernel.index("static inline pair joined(")
     function = kernel[start : kernel.index("/* One block of LANES loops.")]
-    text = f"#define LANES {compiled.LANES}\n{resource('lanes.h')}\n{function}{FILL}"
+    text = f"#define LANES {lanes.LANES}\n{resource('lanes.h')}\n{function}{FILL}"
     fill, steps = library_of(text, tmp_path).fill, 20_000
     for seed, index, channel in ((0, 0, 0), (1, 0, 1), (3, 2, 1), (LARGEST_SEED, 77, 0)):
-        out = aligned((steps, compiled.LANES))
+        out = aligned((steps, lanes.LANES))
         words = [ctypes.c_uint32(word) for word in (seed, index, channel)]
         fill(*words, ctypes.c_int64(steps), ctypes.c_void_p(out.ctypes.data))
         expected = standard_normals(seed, index, channel, steps)
-        for lane in range(compiled.LANES):
+        for lane in range(lanes.LANES):
             assert (out[:, lane] == expected).all()
 
 
@@ -424,7 +426,7 @@ def operation(code: int) -> ca.Function:
 
 def lowered(functions: dict[str, ca.Function], folder: Path) -> Any:
     """Compile functions of two inputs, each with a loop over arrays in front of it."""
-    parts = [f"#define LANES {compiled.LANES}", resource("lanes.h")]
+    parts = [f"#define LANES {lanes.LANES}", resource("lanes.h")]
     parts.append("static inline real spread(double x) { return ZERO + x; }")
     for name, function in functions.items():
         head = f"static void {name}(const real *x, const real *y, real *out0)"
@@ -445,8 +447,8 @@ def aligned(shape: tuple[int, int]) -> Array:
 
 
 def applied(function: Any, x: Array, y: Array) -> Array:
-    blocks = len(x) // compiled.LANES
-    arrays = [aligned((blocks, compiled.LANES)) for _ in range(3)]
+    blocks = len(x) // lanes.LANES
+    arrays = [aligned((blocks, lanes.LANES)) for _ in range(3)]
     for room, values in zip(arrays, (x, y), strict=False):
         room[...] = values.reshape(room.shape)
     function(ctypes.c_int64(blocks), *[ctypes.c_void_p(a.ctypes.data) for a in arrays])
@@ -502,10 +504,10 @@ def test_constants_keep_every_bit(tmp_path: Path) -> None:
         f"c{n}": ca.Function("f", [x, ca.SX.sym("y")], [ca.SX(value)])
         for n, value in enumerate(values)
     }
-    library, zeros = lowered(functions, tmp_path), np.zeros(compiled.LANES)
+    library, zeros = lowered(functions, tmp_path), np.zeros(lanes.LANES)
     for n, value in enumerate(values):
         found = applied(getattr(library, f"run_c{n}"), zeros, zeros)
-        assert found.tobytes() == np.full(compiled.LANES, value).tobytes(), value
+        assert found.tobytes() == np.full(lanes.LANES, value).tobytes(), value
 
 
 def test_an_operation_without_a_form_is_an_error_and_not_a_wrong_number() -> None:
@@ -524,7 +526,8 @@ def test_no_loop_holds_an_operation_without_a_form(controller: Any, method: Any)
     rig = rig_with(SHORT, EMULATOR | ({"sampling.delay": 1.3e-3} if method else {}))
     for emulate in (False, True):
         loop = build(rig, method, controller=controller, directions=2, emulate=emulate)
-        codes = {loop.step.instruction_id(k) for k in range(loop.step.n_instructions())}
+        step = step_function(loop)
+        codes = {step.instruction_id(k) for k in range(step.n_instructions())}
         assert codes - OTHER - set(printing._FORMS) == set()
         assert printing.source(loop).count("static inline void measure") == 2
 

@@ -30,6 +30,7 @@ from maglev_design.simulate import (
     nominal_scenario,
     simulate,
     stated_errors,
+    stepping,
 )
 from maglev_design.simulate.grid import COIL
 from maglev_design.simulate.scenario import parameter_vector, start_state
@@ -126,7 +127,7 @@ def coil_loop(rig: Rig, design: Design) -> tuple[Array, Array, Array]:
     loop, scenario = loop_for(rig, design, emulate=True), scenario_of(rig)
     start = start_state(loop, design, scenario)
     numbers = parameter_vector(loop, design, scenario)
-    states, voltages, _ = loop.fold(start, numbers, loop.inputs, np.zeros((2, len(loop.times) - 1)))
+    states, voltages, _ = stepping.run(loop, start, numbers, np.zeros((2, len(loop.times) - 1)))
     row = loop.state_names.index(COIL)
     coil = np.concatenate([[start[row]], states.full()[row]])
     return coil, voltages.full()[1], start[[n.startswith("held") for n in loop.state_names]]

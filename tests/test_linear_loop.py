@@ -29,6 +29,7 @@ from maglev_design.options import EQUILIBRIA, METHODS, TAN_GPI, Controller, Equi
 from maglev_design.parameters import Rig
 from maglev_design.simulate import Scenario, loop_for
 from maglev_design.simulate.scenario import parameter_vector
+from maglev_design.simulate.stepping import run
 
 Array = NDArray[np.float64]
 
@@ -547,7 +548,7 @@ def test_the_linear_loop_is_the_simulated_one_for_small_deviations(
     voltage = math.sqrt(9.81 / beta) * gap
 
     def moved(state: Array) -> tuple[Array, float]:
-        states, volts, _ = loop.fold(state, numbers, loop.inputs, still)
+        states, volts, _ = run(loop, state, numbers, still)
         return states.full().ravel(), float(volts[0])
 
     rest = np.array([{"y": gap, "alive": 1.0}.get(n, 0.0) for n in names])

@@ -34,7 +34,7 @@ from maglev_design.simulate import (
     build,
     mirrored,
     nominal_scenario,
-    pole_tangent,
+    pole_sensitivities,
     resimulate,
     simulate,
     stated_errors,
@@ -495,7 +495,7 @@ def test_the_gradients_are_those_of_the_figures(
     plain = build(rig, method, fastest=fastest)
     carrying = build(rig, method, fastest=fastest, directions=directions)
     design = designed(POLES)
-    response = simulate(carrying, design, scenario, pole_tangent(carrying, design, columns))
+    response = simulate(carrying, design, scenario, pole_sensitivities(carrying, design, columns))
     assert response.metrics == simulate(plain, design, scenario).metrics
     for figure in DIFFERENTIABLE:
         slopes = []
@@ -527,7 +527,7 @@ def test_the_gradients_of_every_controller_are_those_of_its_figures(
     options: dict[str, Any] = {"controller": LAWS[name], "fastest": 0.0 if method else 800.0}
     plain, carrying = build(rig, method, **options), build(rig, method, **options, directions=4)
     design = designed(poles)
-    response = simulate(carrying, design, scenario, pole_tangent(carrying, design, np.eye(4)))
+    response = simulate(carrying, design, scenario, pole_sensitivities(carrying, design, np.eye(4)))
     assert response.metrics == simulate(plain, design, scenario).metrics
     for figure in DIFFERENTIABLE:
         slopes = []
@@ -551,8 +551,8 @@ def test_an_unlimited_voltage_has_gradients_too() -> None:
         design = design_of(one)
         loop = loop_of(one, design, directions=2)
         scenario = nominal_scenario(one, plant_beta(one))
-        tangent = pole_tangent(loop, design, DIRECTIONS[2])
-        gradients.append(simulate(loop, design, scenario, tangent).gradients)
+        sensitivities = pole_sensitivities(loop, design, DIRECTIONS[2])
+        gradients.append(simulate(loop, design, scenario, sensitivities).gradients)
     for figure in DIFFERENTIABLE:
         assert np.isfinite(gradients[0][figure]).all()
         assert gradients[0][figure] == pytest.approx(gradients[1][figure], rel=1e-12)
@@ -640,8 +640,8 @@ def test_the_independent_integrator_sees_the_same_crash(name: str) -> None:
 def test_the_gradients_of_a_crash_are_finite() -> None:
     rig, design, scenario = fate_of(FATES["far too strong"])
     loop = loop_of(rig, design, directions=2)
-    tangent = pole_tangent(loop, design, DIRECTIONS[2])
-    response = simulate(loop, design, scenario, tangent)
+    sensitivities = pole_sensitivities(loop, design, DIRECTIONS[2])
+    response = simulate(loop, design, scenario, sensitivities)
     assert response.metrics.crashed
     assert all(np.isfinite(g).all() for g in response.gradients.values())
 

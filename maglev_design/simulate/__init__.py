@@ -23,7 +23,7 @@ from maglev_design.simulate.response import (
     stated_errors,
 )
 from maglev_design.simulate.scenario import Scenario, mirrored, nominal_scenario
-from maglev_design.simulate.sensitivities import Tangent, pole_tangent
+from maglev_design.simulate.sensitivities import Sensitivities, pole_sensitivities
 from maglev_design.simulate.transient import settling_time, total_variation, undershoot
 
 __all__ = [
@@ -32,9 +32,9 @@ __all__ = [
     "Metrics",
     "Response",
     "Scenario",
+    "Sensitivities",
     "StatedErrors",
     "Summary",
-    "Tangent",
     "at_own_period",
     "build",
     "cores",
@@ -45,7 +45,7 @@ __all__ = [
     "mirrored",
     "nominal_scenario",
     "own_step",
-    "pole_tangent",
+    "pole_sensitivities",
     "resimulate",
     "resimulate_continuous",
     "respond",

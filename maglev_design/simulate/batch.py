@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from maglev_design.design import Design, reference_path
 from maglev_design.errors import check_word
 from maglev_design.options import BACKENDS, Backend
-from maglev_design.simulate import compiled
+from maglev_design.simulate import compiled, lanes
 from maglev_design.simulate.grid import LoopGraph
 from maglev_design.simulate.noise import POSITION_CHANNEL, standard_normals
 from maglev_design.simulate.response import PARTS, Crash, Metrics, Response, simulate
 from maglev_design.simulate.scenario import Scenario, check_fits, parameter_vector, start_state
-from maglev_design.simulate.sensitivities import Tangent, start_tangent
+from maglev_design.simulate.sensitivities import Sensitivities, start_sensitivities
 from maglev_design.simulate.transient import total_variation
 
 Array = NDArray[np.float64]
@@ -54,7 +54,7 @@ def simulate_batch(
     loop: LoopGraph,
     designs: Sequence[Design],
     scenarios: Sequence[Scenario],
-    tangents: Sequence[Tangent] | None = None,
+    sensitivities: Sequence[Sensitivities] | None = None,
     *,
     clamped: bool = True,
     threads: int = 1,
@@ -71,7 +71,7 @@ def simulate_batch(
     loop : LoopGraph
         Of the same rig, method and controller as the designs.
     designs, scenarios : sequences of one length
-    tangents : sequence of Tangent, optional
+    sensitivities : sequence of Sensitivities, optional
         One for each design; needs a loop built with as many directions.
     clamped : bool
         As of :func:`maglev_design.simulate.simulate`.
@@ -96,11 +96,12 @@ def simulate_batch(
         if found is None:
             _notice()
     if found is None:
+        own: Sequence[Sensitivities | None] = sensitivities or [None] * len(designs)
         return [
-            _interpreted(loop, design, scenario, tangents[n] if tangents else None, clamped)
-            for n, (design, scenario) in enumerate(zip(designs, scenarios, strict=True))
+            _interpreted(loop, design, scenario, moved, clamped)
+            for design, scenario, moved in zip(designs, scenarios, own, strict=True)
         ]
-    figures, _ = _compiled(loop, found, designs, scenarios, tangents, clamped, threads)
+    figures, _ = _compiled(loop, found, designs, scenarios, sensitivities, clamped, threads)
     return summaries(loop, figures)
 
 
@@ -143,9 +144,13 @@ def cores() -> int:
 
 
 def _interpreted(
-    loop: LoopGraph, design: Design, scenario: Scenario, tangent: Tangent | None, clamped: bool
+    loop: LoopGraph,
+    design: Design,
+    scenario: Scenario,
+    sensitivities: Sensitivities | None,
+    clamped: bool,
 ) -> Summary:
-    response = simulate(loop, design, scenario, tangent, clamped=clamped)
+    response = simulate(loop, design, scenario, sensitivities, clamped=clamped)
     return Summary(response.metrics, total_variation(response), response.gradients)
 
 
@@ -154,7 +159,7 @@ def _compiled(
     found: compiled.Kernel,
     designs: Sequence[Design],
     scenarios: Sequence[Scenario],
-    tangents: Sequence[Tangent] | None,
+    sensitivities: Sequence[Sensitivities] | None,
     clamped: bool,
     threads: int,
     *,
@@ -170,9 +175,10 @@ def _compiled(
         vector = parameter_vector(loop, design, scenario, clamped=clamped)
         if width:
             moved = np.zeros((len(vector), width)), np.zeros((len(state), width))
-            if tangents is not None:
-                own = tangents[n]
-                moved = own.parameters, start_tangent(loop, design, scenario, first, own.gains)
+            if sensitivities is not None:
+                own = sensitivities[n]
+                start = start_sensitivities(loop, design, scenario, first, own.gains)
+                moved = own.parameters, start
             vector = np.concatenate([vector, moved[0].ravel(order="F")])
             state = np.concatenate([state, moved[1].ravel(order="F")])
         states.append(state)
@@ -207,11 +213,11 @@ def summaries(loop: LoopGraph, figures: Array) -> list[Summary]:
 
 
 def _summary(loop: LoopGraph, row: Array, last: float) -> Summary:
-    parts = row[: compiled.PARTS].reshape(3, 3)
+    parts = row[: lanes.PARTS].reshape(3, 3)
     split = [dict(zip(PARTS, parts[:, k].tolist(), strict=True)) for k in range(3)]
     total = parts.sum(axis=0)
-    head = compiled.PARTS + len(compiled.SCALARS)
-    named = dict(zip(compiled.SCALARS, row[compiled.PARTS : head].tolist(), strict=True))
+    head = lanes.PARTS + len(lanes.SCALARS)
+    named = dict(zip(lanes.SCALARS, row[lanes.PARTS : head].tolist(), strict=True))
     survived = int(named["survived"])
     crash = None
     if survived <= len(loop.times) - 1:
@@ -224,13 +230,13 @@ def _summary(loop: LoopGraph, row: Array, last: float) -> Summary:
         itae_split=split[2],
         iae_split=split[1],
         ise_split=split[0],
-        **{name: named[name] for name in compiled.EXTREMES},
+        **{name: named[name] for name in lanes.EXTREMES},
         final_error=named["last_gap"] - last,
         crash=crash,
     )
     gradients = {}
     if loop.directions:
-        slopes = row[head:].reshape(loop.directions, len(compiled.TANGENTS))
-        gradients = {name: slopes[:, k] for k, name in enumerate(compiled.TANGENTS)}
+        slopes = row[head:].reshape(loop.directions, len(lanes.GRADIENTS))
+        gradients = {name: slopes[:, k] for k, name in enumerate(lanes.GRADIENTS)}
         del gradients["peak_applied"]
     return Summary(metrics, named["total_variation"], gradients)

@@ -1,11 +1,11 @@
 """The closed loop as compiled C: the same CasADi step, printed in vector lanes.
 
-The step with its tangents and the increments of the metrics are printed instruction by instruction
-(:mod:`maglev_design.simulate.printing`); ``kernel.c`` folds them over the horizon. The text is kept
-in the user's cache folder under the hash of what it was printed from. The system's compiler is run
-once for a text; what it made is kept under the hash of the text, the flags and the machine, and
-checked against its own hash before it is loaded. So a process that finds both imports neither
-SymPy nor CasADi and starts no compiler.
+The step with its sensitivities and the increments of the metrics are printed instruction by
+instruction (:mod:`maglev_design.simulate.printing`); ``kernel.c`` folds them over the horizon. The
+text is kept in the user's cache folder under the hash of what it was printed from. The system's
+compiler is run once for a text; what it made is kept under the hash of the text, the flags and the
+machine, and checked against its own hash before it is loaded. So a process that finds both imports
+neither SymPy nor CasADi and starts no compiler.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import tempfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache, lru_cache
-from importlib import metadata, resources
+from importlib import metadata
 from pathlib import Path
 from typing import Any, cast
 
@@ -34,15 +34,11 @@ from maglev_design import design as designs
 from maglev_design import parameters
 from maglev_design.files import cache_folder, joint_hash, kept, sources
 from maglev_design.programs import fingerprint
+from maglev_design.simulate import lanes
 from maglev_design.simulate.grid import LoopGraph
 
 Array = NDArray[np.float64]
 
-LANES = 4
-"""Loops in one call of the step: a register of AVX2. gcc takes wider vectors apart.
-
-A single loop fills all of them: four without branches take less time than one with.
-"""
 FLAGS = (
     "-std=gnu11",
     "-O3",
@@ -63,10 +59,6 @@ SOURCES = (
     Path(parameters.__file__),
 )
 """Whose text decides what a kernel is, besides the programs."""
-PARTS = 9
-EXTREMES = ("peak_voltage", "min_voltage", "peak_applied", "min_gap", "max_gap")
-SCALARS = (*EXTREMES, "total_variation", "final_error", "survived", "last_gap")
-TANGENTS = ("ise", "iae", "itae", *EXTREMES)
 
 
 @cache
@@ -84,16 +76,6 @@ def compiler() -> str | None:
     """Return the path of the C compiler; None without one."""
     found = command()
     return found[0] if found else None
-
-
-def resource(name: str) -> str:
-    """Return a text file that stands beside this module."""
-    return (resources.files("maglev_design.simulate") / name).read_text("utf-8")
-
-
-def figures_count(directions: int) -> int:
-    """Return how many numbers the kernel gives for each loop."""
-    return PARTS + len(SCALARS) + len(TANGENTS) * directions
 
 
 @cache
@@ -221,7 +203,7 @@ def text(loop: LoopGraph) -> str:
 
         return source(loop)
 
-    return kept("loops", joint_hash(_made_from(), loop.structure, str(LANES)), printed, str)
+    return kept("loops", joint_hash(_made_from(), loop.structure, str(lanes.LANES)), printed, str)
 
 
 @cache
@@ -247,7 +229,7 @@ def run(
     Parameters
     ----------
     first, parameters : array, shape (n, size)
-        State at t = 0 and parameters, tangents behind.
+        State at t = 0 and parameters, sensitivities behind.
     stream : array of uint32, shape (n, 2)
         Seed and scenario of the noise.
     deviation : array, shape (n, 2)
@@ -258,19 +240,19 @@ def run(
     threads : int
         Cores; the result does not depend on it.
     """
-    count, steps = len(first), len(loop.times) - 1
-    blocks = -(-count // LANES)
+    count, steps, wide = len(first), len(loop.times) - 1, lanes.LANES
+    blocks = -(-count // wide)
     inputs, starts, parts = loop.tables
-    filled = np.minimum(np.arange(blocks * LANES), count - 1)
+    filled = np.minimum(np.arange(blocks * wide), count - 1)
 
     def laned(rows: NDArray[Any], kind: type[np.generic] = np.float64) -> NDArray[Any]:
-        """Return (n, size) as (blocks, size, LANES), the last loop repeated to fill a block."""
-        return np.array(rows[filled].reshape(blocks, LANES, -1).transpose(0, 2, 1), kind, order="C")
+        """Return (n, size) as (blocks, size, lanes), the last loop repeated to fill a block."""
+        return np.array(rows[filled].reshape(blocks, wide, -1).transpose(0, 2, 1), kind, order="C")
 
     arrays = [laned(parameters), laned(first), laned(stream, np.uint32), laned(deviation)]
-    size = figures_count(loop.directions)
-    figures = np.empty((blocks, size, LANES))
-    traces = np.empty((blocks, steps if trace else 0, 4, LANES))
+    size = lanes.figures_count(loop.directions)
+    figures = np.empty((blocks, size, wide))
+    traces = np.empty((blocks, steps if trace else 0, 4, wide))
 
     def work(begin: int, end: int) -> None:
         pointers = [a.ctypes.data + begin * a.strides[0] for a in (*arrays, figures, traces)]
@@ -288,4 +270,4 @@ def run(
         with ThreadPoolExecutor(workers) as pool:
             list(pool.map(work, edges[:-1], edges[1:]))
     flat = figures.transpose(0, 2, 1).reshape(-1, size)[:count]
-    return flat, traces.transpose(0, 3, 1, 2).reshape(blocks * LANES, traces.shape[1], 4)[:count]
+    return flat, traces.transpose(0, 3, 1, 2).reshape(blocks * wide, traces.shape[1], 4)[:count]

@@ -1,8 +1,8 @@
 """The closed loop on its grid: instants, integration steps, reference, names of its rows.
 
-All of it is numbers and names; the CasADi functions that run it
-(:mod:`maglev_design.simulate.stepping`) are made when they are first asked for, and a loop whose
-compiled kernel is in the cache folder never does.
+All of it is numbers and names. The CasADi functions that run it are made where they are asked
+for (:mod:`maglev_design.simulate.stepping`); a loop whose compiled kernel is in the cache folder
+needs none.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +26,6 @@ from maglev_design.programs import (
     start_program,
     step_program,
 )
-
-if TYPE_CHECKING:
-    import casadi as ca
 
 Array = NDArray[np.float64]
 
@@ -102,45 +99,9 @@ class LoopGraph:
 
     @property
     def structure(self) -> str:
-        """All that the functions below are made from, but for the grid, as text."""
+        """All that the functions of the loop are made from, but for the grid, as text."""
         parts = (self.method, self.controller, self.timing.whole, self.timing.held, self.substeps)
         return repr((*parts, self.emulator, self.directions))
-
-    @cached_property
-    def inputs(self) -> ca.DM:
-        """Durations of the integration steps and reference at the nodes, shape (n_inputs, N)."""
-        import casadi as ca  # noqa: PLC0415 - only for the interpreted loop
-
-        return ca.DM(self.tables[0].T)
-
-    @cached_property
-    def step(self) -> ca.Function:
-        """One period, (state, parameters, inputs, noise) -> (state, voltages, track).
-
-        The track holds gap and velocity after every integration step; tangents stand behind what
-        they are of.
-        """
-        from maglev_design.simulate.stepping import step_function  # noqa: PLC0415 - CasADi
-
-        return step_function(self)
-
-    @cached_property
-    def fold(self) -> ca.Function:
-        """The step over the horizon: the outputs of `step` in columns, one a period."""
-        from maglev_design.simulate.stepping import folded  # noqa: PLC0415 - CasADi
-
-        return folded(self.step, len(self.times) - 1)
-
-    @cached_property
-    def quadrature(self) -> ca.Function:
-        """The metrics of a track.
-
-        (Track of the gap, of the velocity, their values at t = 0) -> (increments of ISE, IAE and
-        ITAE of every integration step), and with tangents of the tracks: tangents of the sums.
-        """
-        from maglev_design.simulate.stepping import quadrature  # noqa: PLC0415 - CasADi
-
-        return quadrature(self)
 
 
 SIGNALS = ("y", "v", "y_ref", "v_ref", "acc_ref")
@@ -192,7 +153,7 @@ def build(
         Discretisation of the controller, or None for a continuous one (no delay then).
     controller : Controller
     directions : int
-        Sensitivities carried along, each a column of the tangent of the parameters.
+        Sensitivities carried along, each a column of the derivatives of the parameters.
     refine : int
         Integration steps per default step; 2 halves them.
     fastest : float

@@ -64,7 +64,7 @@ static void run_block(
     word stream[2];
     real state[N_STATE * WIDTH], following[N_STATE * WIDTH], noise[2] = {ZERO, ZERO};
     real voltages[2 * WIDTH], track[2 * PIECES * WIDTH], error[WIDTH], slope[WIDTH];
-    real sums[PARTS * 3], tangents[3 * WIDTH], added[3 * WIDTH], extremes[6 * WIDTH];
+    real sums[PARTS * 3], slopes[3 * WIDTH], added[3 * WIDTH], extremes[6 * WIDTH];
     real variation = ZERO, previous = ZERO, survived = ZERO;
     memcpy(parameters, given, sizeof parameters);
     memcpy(state, first, sizeof state);
@@ -72,7 +72,7 @@ static void run_block(
     memcpy(deviation, spreads, sizeof deviation);
     const pair seed = joined(stream[0], stream[0]), index = joined(stream[1], stream[1]);
     for (int k = 0; k < PARTS * 3; k++) sums[k] = ZERO;
-    for (int k = 0; k < 3 * WIDTH; k++) tangents[k] = ZERO;
+    for (int k = 0; k < 3 * WIDTH; k++) slopes[k] = ZERO;
     for (int d = 0; d < WIDTH; d++) {
         error[d] = state[d * N_STATE] - (d ? ZERO : spread(inputs[PIECES]));
         slope[d] = state[d * N_STATE + 1] - (d ? ZERO : spread(inputs[PIECES + NODES]));
@@ -113,7 +113,7 @@ static void run_block(
                 measure(error, now, slope, rate, start, length, added);
             real *sum = sums + 3 * parts[n * PIECES + piece];
             for (int k = 0; k < 3; k++) sum[k] += added[k];
-            for (int k = 3; k < 3 * WIDTH; k++) tangents[k] += added[k];
+            for (int k = 3; k < 3 * WIDTH; k++) slopes[k] += added[k];
             for (int d = 0; d < WIDTH; d++) { error[d] = now[d]; slope[d] = rate[d]; }
         }
         for (int k = 0; k < N_STATE * WIDTH; k++) state[k] = following[k];
@@ -136,7 +136,7 @@ static void run_block(
     figures[8] = state[0];
     figures += 9;
     for (int d = 0; d < DIRECTIONS; d++, figures += 8) {
-        for (int k = 0; k < 3; k++) figures[k] = tangents[3 * (1 + d) + k];
+        for (int k = 0; k < 3; k++) figures[k] = slopes[3 * (1 + d) + k];
         for (int k = 0; k < 5; k++) figures[3 + k] = extremes[k * WIDTH + 1 + d];
     }
 }

@@ -9,9 +9,9 @@ from collections.abc import Callable
 import casadi as ca
 
 from maglev_design.programs import metrics_program
-from maglev_design.simulate import compiled
-from maglev_design.simulate.compiled import figures_count, resource
+from maglev_design.simulate import lanes
 from maglev_design.simulate.grid import LoopGraph
+from maglev_design.simulate.stepping import step_function
 
 _FORMS: dict[int, str] = {
     ca.OP_ASSIGN: "{0}",
@@ -199,10 +199,10 @@ def _number(value: float) -> str:
 
 def source(loop: LoopGraph) -> str:
     """Return the C text of a loop's kernel."""
-    step, width = loop.step, 1 + loop.directions
+    step, width = step_function(loop), 1 + loop.directions
     size = len(loop.state_names)
     sizes = {
-        "LANES": compiled.LANES,
+        "LANES": lanes.LANES,
         "N_STATE": size,
         "N_PARAMETER": len(loop.parameter_names),
         "N_INPUT": step.size1_in(2),
@@ -210,7 +210,7 @@ def source(loop: LoopGraph) -> str:
         "NODES": (step.size1_in(2) - loop.pieces) // 3,
         "NODES_A_PIECE": loop.nodes_a_piece,
         "DIRECTIONS": loop.directions,
-        "N_FIGURES": figures_count(loop.directions),
+        "N_FIGURES": lanes.figures_count(loop.directions),
         "ALIVE": loop.state_names.index("alive"),
     }
     defines = "".join(f"#define {name} {value}\n" for name, value in sizes.items())
@@ -227,12 +227,12 @@ def source(loop: LoopGraph) -> str:
     return "\n".join(
         [
             defines,
-            resource("lanes.h"),
+            lanes.resource("lanes.h"),
             "static inline real spread(double x);",
             printed(step, signature, of_step, fixed=1),
             *_measures(width),
             _KEEP,
-            resource("kernel.c"),
+            lanes.resource("kernel.c"),
         ]
     )
 
@@ -254,12 +254,12 @@ static inline void keep_smaller(real *held, const real *value, int stride, real 
 
 
 def _measures(width: int) -> list[str]:
-    """Return the increments of the metrics with their tangents, with and without a sign change."""
+    """Return the increments of the metrics with their slopes, with and without a sign change."""
     names = ("before", "now", "slope", "rate")
     texts = []
     for name, crossing in (("measure", False), ("measure_crossing", True)):
         values = [ca.SX.sym(f"{n}_value") for n in names]
-        seeds = [ca.SX.sym(f"{n}_tangent", width - 1) for n in names]
+        seeds = [ca.SX.sym(f"{n}_slopes", width - 1) for n in names]
         start, length = ca.SX.sym("start"), ca.SX.sym("length")
         before, now, slope, rate = values
         program = metrics_program(crossing)

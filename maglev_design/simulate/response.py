@@ -23,7 +23,7 @@ from maglev_design.simulate.scenario import (
     parameter_vector,
     start_state,
 )
-from maglev_design.simulate.sensitivities import Tangent, start_tangent
+from maglev_design.simulate.sensitivities import Sensitivities, start_sensitivities
 
 Array = NDArray[np.float64]
 
@@ -121,7 +121,7 @@ def simulate(
     loop: grids.LoopGraph,
     design: Design,
     scenario: Scenario,
-    tangent: Tangent | None = None,
+    sensitivities: Sensitivities | None = None,
     *,
     clamped: bool = True,
 ) -> Response:
@@ -133,11 +133,13 @@ def simulate(
         Of the same rig and method as the design.
     design : Design
     scenario : Scenario
-    tangent : Tangent, optional
-        As :func:`pole_tangent` gives it; needs a loop built with as many directions.
+    sensitivities : Sensitivities, optional
+        As :func:`pole_sensitivities` gives it; needs a loop built with as many directions.
     clamped : bool
         False takes the actuator's clamp away, for a search that must look beyond it.
     """
+    from maglev_design.simulate import stepping  # noqa: PLC0415 - CasADi
+
     steps = len(loop.times) - 1
     size, width = len(loop.state_names), loop.directions
     check_fits(loop, design)
@@ -146,13 +148,13 @@ def simulate(
     vector = parameter_vector(loop, design, scenario, clamped=clamped)
     if width:
         seed, start = np.zeros((len(vector), width)), np.zeros((size, width))
-        if tangent is not None:
-            seed = tangent.parameters
-            start = start_tangent(loop, design, scenario, float(noise[1, 0]), tangent.gains)
+        if sensitivities is not None:
+            seed = sensitivities.parameters
+            moved = sensitivities.gains
+            start = start_sensitivities(loop, design, scenario, float(noise[1, 0]), moved)
         state = np.concatenate([state, start.ravel(order="F")])
         vector = np.concatenate([vector, seed.ravel(order="F")])
-    outputs = loop.fold(state, vector, loop.inputs, noise)
-    states, voltages, track = (matrix.full() for matrix in outputs)
+    states, voltages, track = (m.full() for m in stepping.run(loop, state, vector, noise))
     history = np.concatenate([state[:, None], states], axis=1)
     return _response(loop, history, voltages, track)
 
@@ -200,33 +202,35 @@ def _response(loop: grids.LoopGraph, history: Array, voltages: Array, track: Arr
 
 
 def _quadrature(loop: grids.LoopGraph, history: Array, track: Array) -> tuple[Array, Array]:
-    """Return the increments of every step, shape (n, 3), and the sums' tangents, shape (3, d)."""
+    """Return the increments of every step, shape (n, 3), and the sums' slopes, shape (3, d)."""
+    from maglev_design.simulate.stepping import quadrature  # noqa: PLC0415 - CasADi
+
     width, count = loop.directions, len(loop.ends) // (len(loop.times) - 1)
     first = history[:2, 0]
     blocks = track.reshape(1 + width, 2, count, -1).transpose(0, 1, 3, 2).reshape(1 + width, 2, -1)
     gap, velocity = blocks[0]
     if not width:
-        return loop.quadrature(gap, velocity, *first).full(), np.empty((3, 0))
-    tangents = [blocks[1:, k].T for k in (0, 1)]
-    increments, slopes = loop.quadrature(gap, velocity, *first, *tangents)
+        return quadrature(loop)(gap, velocity, *first).full(), np.empty((3, 0))
+    moved = [blocks[1:, k].T for k in (0, 1)]
+    increments, slopes = quadrature(loop)(gap, velocity, *first, *moved)
     return increments.full(), slopes.full()
 
 
 def _extreme_gradients(
     loop: grids.LoopGraph, history: Array, voltages: Array, active: slice
 ) -> dict[str, Array]:
-    """Return the tangents of the extremes of voltage and gap, taken where they are reached."""
+    """Return the slopes of the extremes of voltage and gap, taken where they are reached."""
     size, width = len(loop.state_names), loop.directions
     gap_row = loop.state_names.index("y")
     gap = history[gap_row]
-    gap_tangent = history[size:].reshape(width, size, -1)[:, gap_row]
+    gap_slopes = history[size:].reshape(width, size, -1)[:, gap_row]
     commanded = voltages[0][active]
     moved = voltages[2:].reshape(width, 2, -1)[:, 0]
     return {
         "peak_voltage": moved[:, int(np.argmax(commanded))],
         "min_voltage": moved[:, int(np.argmin(commanded))],
-        "min_gap": gap_tangent[:, int(np.argmin(gap))],
-        "max_gap": gap_tangent[:, int(np.argmax(gap))],
+        "min_gap": gap_slopes[:, int(np.argmin(gap))],
+        "max_gap": gap_slopes[:, int(np.argmax(gap))],
     }
 
 

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Tangent:
+class Sensitivities:
     """Derivatives by chosen directions of the poles, one column each.
 
     Attributes
@@ -54,7 +54,7 @@ def _start_jacobian(controller: Controller) -> ca.Function:
     return ca.Function("start", list(inputs.values()), [slopes], list(inputs), ["slopes"])
 
 
-def start_tangent(
+def start_sensitivities(
     loop: grids.LoopGraph, design: Design, scenario: Scenario, first_noise: float, gains: Array
 ) -> Array:
     """Return the derivative of the loop's first state, shape (n_states, directions)."""
@@ -93,7 +93,7 @@ def _pole_jacobian(method: Method | None, controller: Controller) -> ca.Function
     )
 
 
-def pole_tangent(loop: grids.LoopGraph, design: Design, directions: Array) -> Tangent:
+def pole_sensitivities(loop: grids.LoopGraph, design: Design, directions: Array) -> Sensitivities:
     """Return the derivatives of parameters and gains by the poles, times `directions`.
 
     Parameters
@@ -108,4 +108,4 @@ def pole_tangent(loop: grids.LoopGraph, design: Design, directions: Array) -> Ta
     slopes, gains = function(design.poles.values, *fixed)
     # An unlimited voltage makes the integrator's bound infinite, and its slope, too.
     rows = np.where(np.isfinite(slopes.full()), slopes.full(), 0.0)
-    return Tangent(rows @ directions, gains.full() @ directions)
+    return Sensitivities(rows @ directions, gains.full() @ directions)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -38,13 +39,19 @@ from maglev_design.simulate.grid import (
 SIXTH = 1 / 6  # a product is faster than a division
 
 
+@lru_cache(maxsize=64)
 def step_function(loop: LoopGraph) -> ca.Function:
-    """Return one period of a loop; see :attr:`LoopGraph.step`."""
+    """Return one period, (state, parameters, inputs, noise) -> (state, voltages, track).
+
+    The track holds gap and velocity after every integration step; sensitivities stand behind what
+    they are of.
+    """
     step = _plain_step(loop)
     if not loop.directions:
         return step
-    moved = pole_names(loop.method, loop.controller)
-    return _with_tangents(step, loop.directions, [name in moved for name in loop.parameter_names])
+    poles = pole_names(loop.method, loop.controller)
+    moved = [name in poles for name in loop.parameter_names]
+    return _with_sensitivities(step, loop.directions, moved)
 
 
 def _plain_step(loop: LoopGraph) -> ca.Function:
@@ -192,23 +199,23 @@ def _runge_kutta(rates: Any, z: Any, h: Any) -> Any:
     return z + h * SIXTH * (a + 2 * (b + c) + d)
 
 
-def _with_tangents(step: ca.Function, directions: int, moved: Sequence[bool]) -> ca.Function:
+def _with_sensitivities(step: ca.Function, directions: int, moved: Sequence[bool]) -> ca.Function:
     """Return the step that carries its forward sensitivities along, `directions` columns.
 
-    With s' = F(s, q): S' = dF/ds S + dF/dq Q, Q the tangent of the parameters, zero in the rows
-    that are not `moved`.
+    With s' = F(s, q): S' = dF/ds S + dF/dq Q, Q the sensitivity of the parameters, zero in
+    the rows that are not `moved`.
     """
     shapes = [step.size1_in(n) for n in range(4)]
     s, q, inputs, noise = (ca.SX.sym(name, size) for name, size in zip("sqin", shapes, strict=True))
-    tangent, seed = ca.SX.sym("S", shapes[0], directions), ca.SX.sym("Q", shapes[1], directions)
+    carried, seed = ca.SX.sym("S", shapes[0], directions), ca.SX.sym("Q", shapes[1], directions)
     outputs = step(s, q, inputs, noise)
     rows = [seed[n, :] if used else ca.SX(1, directions) for n, used in enumerate(moved)]
-    seeds = ca.vertcat(tangent, *rows)
+    seeds = ca.vertcat(carried, *rows)
     slopes = [ca.vec(ca.jtimes(x, ca.vertcat(s, q), seeds)) for x in outputs]
     return ca.Function(
         "step",
         [
-            ca.vertcat(s, ca.vec(tangent)),
+            ca.vertcat(s, ca.vec(carried)),
             ca.vertcat(q, ca.vec(seed)),
             inputs,
             noise,
@@ -219,8 +226,13 @@ def _with_tangents(step: ca.Function, directions: int, moved: Sequence[bool]) ->
     )
 
 
-def folded(step: ca.Function, count: int) -> ca.Function:
-    """Return the step folded `count` times, one column of parameters serving all of them."""
+@lru_cache(maxsize=64)
+def folded(loop: LoopGraph) -> ca.Function:
+    """Return the step over the horizon: its outputs in columns, one a period.
+
+    One column of parameters serves all periods.
+    """
+    step, count = step_function(loop), len(loop.times) - 1
     state, parameters = (ca.MX.sym(name, step.size1_in(name)) for name in step.name_in()[:2])
     inputs, noise = (ca.MX.sym(name, step.size1_in(name), count) for name in step.name_in()[2:])
     repeated = ca.repmat(parameters, 1, count)
@@ -228,8 +240,24 @@ def folded(step: ca.Function, count: int) -> ca.Function:
     return ca.Function("fold", [state, parameters, inputs, noise], list(outputs))
 
 
+@lru_cache(maxsize=64)
+def _inputs(loop: LoopGraph) -> ca.DM:
+    return ca.DM(loop.tables[0].T)
+
+
+def run(loop: LoopGraph, state: Any, parameters: Any, noise: Any) -> tuple[ca.DM, ca.DM, ca.DM]:
+    """Return states, voltages and track of a run from its first state, one column a period."""
+    found: tuple[ca.DM, ca.DM, ca.DM] = folded(loop)(state, parameters, _inputs(loop), noise)
+    return found
+
+
+@lru_cache(maxsize=64)
 def quadrature(loop: LoopGraph) -> ca.Function:
-    """Return the metrics of a track as one function of whole vectors."""
+    """Return the metrics of a track as one function of whole vectors.
+
+    (Track of the gap, of the velocity, their values at t = 0) -> (increments of ISE, IAE and ITAE
+    of every integration step), and with sensitivities of the tracks: sensitivities of the sums.
+    """
     ends, directions = loop.ends, loop.directions
     lengths, size = loop.tables[0][:, : loop.pieces].ravel(), len(ends)
     starts = np.concatenate([[0.0], ends[:-1]])
@@ -244,8 +272,8 @@ def quadrature(loop: LoopGraph) -> ca.Function:
     )
     inputs, outputs = [gap, velocity, first, speed], [ca.horzcat(*increments)]
     if directions:
-        seeds = [ca.MX.sym("gap_tangent", size, directions)]
-        seeds.append(ca.MX.sym("velocity_tangent", size, directions))
+        seeds = [ca.MX.sym("gap_slope", size, directions)]
+        seeds.append(ca.MX.sym("velocity_slope", size, directions))
         sums = ca.vertcat(*[ca.sum1(x) for x in increments])
         outputs.append(ca.jtimes(sums, ca.vertcat(gap, velocity), ca.vertcat(*seeds)))
         inputs += seeds

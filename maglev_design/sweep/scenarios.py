@@ -17,7 +17,15 @@ from maglev_design import design as designs
 from maglev_design.design import Design
 from maglev_design.errors import InputError
 from maglev_design.parameters import DRAWN
-from maglev_design.simulate import LoopGraph, Scenario, Summary, compiled, loop_for, simulate_batch
+from maglev_design.simulate import (
+    LoopGraph,
+    Scenario,
+    Summary,
+    compiled,
+    lanes,
+    loop_for,
+    simulate_batch,
+)
 from maglev_design.simulate.batch import first_noise
 from maglev_design.simulate.scenario import parameter_vector, start_state
 from maglev_design.sweep.draws import draw, plant_betas
@@ -215,9 +223,9 @@ def _states(setup: Setup, loop: LoopGraph, design: Design, drawn: Plants) -> Arr
 
 def _figures(loop: LoopGraph, rows: Array) -> dict[str, Array]:
     """Return the kernel's figures by name, without an object a loop."""
-    parts = rows[:, : compiled.PARTS].reshape(-1, 3, 3)
+    parts = rows[:, : lanes.PARTS].reshape(-1, 3, 3)
     totals = parts[:, 0] + parts[:, 1] + parts[:, 2]
-    named = {name: rows[:, compiled.PARTS + n] for n, name in enumerate(compiled.SCALARS)}
+    named = {name: rows[:, lanes.PARTS + n] for n, name in enumerate(lanes.SCALARS)}
     named |= {name: totals[:, n] for n, name in enumerate(("ise", "iae", "itae"))}
     last = float(designs.reference_path(loop.rig, loop.times[-1:])[0, 0])
     named["final_error"] = named["last_gap"] - last

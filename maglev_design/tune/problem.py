@@ -43,7 +43,7 @@ from maglev_design.simulate import (
     designed_for,
     mirrored,
     nominal_scenario,
-    pole_tangent,
+    pole_sensitivities,
     simulate_batch,
 )
 from maglev_design.tune.excitation import Excitation, excited
@@ -132,7 +132,7 @@ class TuningProblem:
     loop, delayed_loop : Loop
         Linear loops, the second with one more whole sample of delay.
     family : Family
-    runs, tangent_runs : LoopGraph
+    runs, sensitivity_runs : LoopGraph
         Nonlinear loops, the second with sensitivities.
     certifies : callable or None
         Asked of every candidate that would be the best; None where no proof is required.
@@ -162,7 +162,7 @@ class TuningProblem:
     delayed_loop: loops.Loop
     family: loops.Family
     runs: LoopGraph
-    tangent_runs: LoopGraph
+    sensitivity_runs: LoopGraph
     certifies: Certifies | None = None
     controller: Controller = TAN_GPI
     gains: tuple[float, ...] | None = None
@@ -340,7 +340,7 @@ def build_problem(
         delayed_loop=loop(1),
         family=over,
         runs=build(rig, chosen, controller=controller),
-        tangent_runs=build(rig, chosen, controller=controller, directions=4 if distinct else 2),
+        sensitivity_runs=build(rig, chosen, controller=controller, directions=4 if distinct else 2),
         certifies=certifies,
         controller=controller,
         gains=gains,
@@ -483,12 +483,12 @@ def runs(
     if not gradients:
         found = simulate_batch(problem.runs, designs, scenarios, clamped=clamped)
         return [_run(problem, x.metrics, {}) for x in found]
-    graph, back = problem.tangent_runs, np.linalg.pinv(problem.directions).T
+    graph, back = problem.sensitivity_runs, np.linalg.pinv(problem.directions).T
     moving = {
-        key: pole_tangent(graph, design, problem.directions) for key, design in placed.items()
+        key: pole_sensitivities(graph, design, problem.directions) for key, design in placed.items()
     }
-    tangents = [moving[poles] for poles, _, _ in trials]
-    found = simulate_batch(graph, designs, scenarios, tangents, clamped=clamped)
+    sensitivities = [moving[poles] for poles, _, _ in trials]
+    found = simulate_batch(graph, designs, scenarios, sensitivities, clamped=clamped)
     return [
         _run(problem, x.metrics, {name: back @ by for name, by in x.gradients.items()})
         for x in found

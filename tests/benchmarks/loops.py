@@ -20,12 +20,12 @@ from maglev_design.simulate import (
     build,
     compiled,
     nominal_scenario,
-    pole_tangent,
+    pole_sensitivities,
     simulate_batch,
 )
 from maglev_design.simulate.batch import first_noise, summaries
 from maglev_design.simulate.scenario import parameter_vector, start_state
-from maglev_design.simulate.sensitivities import start_tangent
+from maglev_design.simulate.sensitivities import start_sensitivities
 
 Array = NDArray[np.float64]
 
@@ -134,7 +134,7 @@ class Batch:
     parameters: Array
     stream: NDArray[np.uint32]
     deviation: Array
-    tangents: list[Any] | None
+    sensitivities: list[Any] | None
 
     @property
     def count(self) -> int:
@@ -163,7 +163,7 @@ class Batch:
         """Run them through the public function: scenarios in, summaries out."""
         designs = [self.of.design] * self.count
         simulate_batch(
-            self.loop, designs, self.scenarios, self.tangents, threads=threads, backend=backend
+            self.loop, designs, self.scenarios, self.sensitivities, threads=threads, backend=backend
         )
 
 
@@ -192,16 +192,18 @@ def batch(
     firsts = [first_noise(loop, s) for s in scenarios]
     states = [start_state(loop, of.design, s, f) for s, f in zip(scenarios, firsts, strict=True)]
     vectors = [parameter_vector(loop, of.design, s) for s in scenarios]
-    tangents = None
+    sensitivities = None
     if loop.directions:
-        own = pole_tangent(loop, of.design, DIRECTIONS[loop.directions])
-        tangents = [own] * count
+        own = pole_sensitivities(loop, of.design, DIRECTIONS[loop.directions])
+        sensitivities = [own] * count
         vectors = [np.concatenate([v, own.parameters.ravel(order="F")]) for v in vectors]
         states = [
-            np.concatenate([x, start_tangent(loop, of.design, s, f, own.gains).ravel(order="F")])
+            np.concatenate(
+                [x, start_sensitivities(loop, of.design, s, f, own.gains).ravel(order="F")]
+            )
             for x, s, f in zip(states, scenarios, firsts, strict=True)
         ]
     stream = np.array([(s.seed, s.index) for s in scenarios], dtype=np.uint32)
     deviation = np.array([s.deviations(of.rig) for s in scenarios])
     first, parameters = np.array(states), np.array(vectors)
-    return Batch(of, loop, kernel, scenarios, first, parameters, stream, deviation, tangents)
+    return Batch(of, loop, kernel, scenarios, first, parameters, stream, deviation, sensitivities)

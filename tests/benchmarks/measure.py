@@ -15,7 +15,7 @@ from typing import Any
 from benchmarks import jobs, peers, processes
 from benchmarks.clock import Job, side_by_side
 from benchmarks.loops import DIRECTIONS, Subject, Yardstick, batch, graph, subject
-from maglev_design.simulate import compiled, cores, simulate_batch
+from maglev_design.simulate import compiled, cores, lanes, simulate_batch
 from maglev_design.simulate.response import simulate
 
 Tell = Callable[[str], None]
@@ -104,7 +104,7 @@ def machine() -> Data:
     )
     return {
         "cores": cores(),
-        "lanes": compiled.LANES,
+        "lanes": lanes.LANES,
         "architecture": platform.machine(),
         "compiler": f"{Path(path).name} {text.stdout.strip()}",
         "flags": list(compiled.FLAGS),
@@ -195,7 +195,7 @@ def precision(of: Subject, yard: Yardstick, sizes: Sizes) -> list[Data]:
         loop = graph(of, continuous=True, refine=refine)
         one, many = batch(of, loop, 1), batch(of, loop, 64)
         add("compiled, one loop", step, one.itae, one.run)
-        add(f"compiled, {compiled.LANES} lanes", step, one.itae, many.run, 64)
+        add(f"compiled, {lanes.LANES} lanes", step, one.itae, many.run, 64)
         add(
             "interpreted",
             step,
