@@ -47,7 +47,6 @@ from maglev_design.certify.margins import sampled_margins
 from maglev_design.derivation import NOTATION
 from maglev_design.design import (
     PoleSpec,
-    law,
     make_design,
     plant_beta,
     reference_path,
@@ -60,7 +59,7 @@ from maglev_design.options import METHODS
 from maglev_design.paper.theory_law import hold_drift
 from maglev_design.paper.theory_linear import Case, linear_loop
 from maglev_design.parameters import load_rig, make_rig
-from maglev_design.programs import acceleration_program, step_program
+from maglev_design.programs import acceleration_program, law, step_program
 from maglev_design.record import make_record
 from maglev_design.report.plots.style import BLUE, GREEN, GREY, RED, STYLE, WIDTH
 from maglev_design.simulate import Scenario, loop_for, nominal_scenario, simulate
