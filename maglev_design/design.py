@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from maglev_design.errors import InputError, check_numbers, check_word
 from maglev_design.files import digest, finite
 from maglev_design.options import EQUILIBRIA, METHODS, TAN_GPI, Controller, Equilibrium, Method
-from maglev_design.parameters import Rig
 from maglev_design.programs import (
     believed_program,
     beta_program,
@@ -24,6 +23,7 @@ from maglev_design.programs import (
     plant_program,
     reference_program,
 )
+from maglev_design.rig import Rig
 
 PAPER_POLES = (1.0, 70.0)
 """zeta_d and omega_nd of sec. 4: the yardstick of every tuning."""
@@ -195,7 +195,7 @@ def plant_beta(rig: Rig) -> float:
 
     Examples
     --------
-    >>> from maglev_design.parameters import load_rig
+    >>> from maglev_design.rig import load_rig
     >>> round(plant_beta(load_rig("belmonte2021")), 8)
     0.00136884
     """
@@ -325,7 +325,7 @@ def make_design(
 
     Examples
     --------
-    >>> from maglev_design.parameters import load_rig
+    >>> from maglev_design.rig import load_rig
     >>> make_design(load_rig("belmonte2021"), PoleSpec.double(1, 70)).gains
     (24010000.0, 1372000.0, 29400.0, 280.0)
     """

@@ -23,18 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design import __version__
-from maglev_design.design import (
-    Design,
-    coefficient_inputs,
-    difference_coefficients,
-    reference_of,
-)
+from maglev_design.design import Design, coefficient_inputs, difference_coefficients, reference_of
 from maglev_design.design_data import design_as_data, design_from_data
 from maglev_design.errors import InputError
 from maglev_design.files import digest, finite, read_document, write_bytes
 from maglev_design.options import SCHEMA_VERSION, TAN_GPI
-from maglev_design.parameters import Rig, make_rig
 from maglev_design.programs import gains_program
+from maglev_design.rig import Rig, make_rig
 from maglev_design.simulate import simulate
 
 if TYPE_CHECKING:
@@ -154,13 +149,14 @@ def _certificate(result: TuneResult, found: LmiCertificate | None) -> dict[str, 
 
 def _curves(result: TuneResult) -> dict[str, NDArray[np.float64]]:
     """Return the responses and the landscape behind the plots."""
-    from maglev_design.tune.problem import Case, design_at, scenario_at  # noqa: PLC0415
+    from maglev_design.tune.evaluation import design_at, scenario_at  # noqa: PLC0415
+    from maglev_design.tune.problem import TuningCase  # noqa: PLC0415
 
     problem = result.problem
     curves: dict[str, NDArray[np.float64]] = {}
     shown = [
         ("worst", problem, result.poles, result.figures.case, result.figures.ratio),
-        ("nominal", problem, result.poles, Case(), 1.0),
+        ("nominal", problem, result.poles, TuningCase(), 1.0),
     ]
     if result.baseline is not None:
         found = result.baseline

@@ -46,8 +46,8 @@ from maglev_design.design import (
 )
 from maglev_design.errors import InputError
 from maglev_design.lowering import lower
-from maglev_design.parameters import load_rig, make_rig
 from maglev_design.report.plots.style import BLUE, GREY, RED, STYLE, WIDTH
+from maglev_design.rig import load_rig, make_rig
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.flatness import flat_model, round_trip_residual
 from maglev_design.symbolic.linearisation import linearise, taylor_residual

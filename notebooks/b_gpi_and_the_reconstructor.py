@@ -50,8 +50,8 @@ from maglev_design.paper.theory_linear import (
     linear_loop,
     printed_matrix,
 )
-from maglev_design.parameters import load_rig
 from maglev_design.report.plots.style import BLUE, GREEN, GREY, RED, STYLE, WIDTH
+from maglev_design.rig import load_rig
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.laws import (
     control_law,

@@ -45,8 +45,8 @@ from maglev_design.design import PoleSpec, make_design, plant_beta, voltage_on_p
 from maglev_design.options import EQUILIBRIA
 from maglev_design.paper.theory_appendix import bounds
 from maglev_design.paper.theory_linear import Case, bounded_matrix, linear_loop
-from maglev_design.parameters import load_rig, make_rig
 from maglev_design.report.plots.style import BLUE, GREEN, GREY, RED, STYLE, WIDTH
+from maglev_design.rig import load_rig, make_rig
 from maglev_design.simulate import Scenario, loop_for, simulate
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.laws import match_coefficients, pole_pairs_polynomial, tan_gpi

@@ -45,10 +45,10 @@ from maglev_design.design import (
     true_equilibrium,
     voltage_on_plant,
 )
-from maglev_design.parameters import load_rig, make_rig
 from maglev_design.record import make_record
 from maglev_design.report.plots.design import landscape
 from maglev_design.report.plots.style import BLUE, GREY, RED, STYLE, WIDTH
+from maglev_design.rig import load_rig, make_rig
 from maglev_design.simulate import Scenario, loop_for, nominal_scenario, simulate
 from maglev_design.tune import Status, build_problem, judge, solve
 

@@ -48,9 +48,9 @@ from maglev_design.certify.region.simulated import (
     simulated_map,
 )
 from maglev_design.design import PoleSpec, make_design, plant_beta, true_equilibrium
-from maglev_design.parameters import load_rig
 from maglev_design.report.plots.region import region_figure
 from maglev_design.report.plots.style import BLUE, GREY, RED, STYLE, WIDTH
+from maglev_design.rig import load_rig
 
 plt.rcParams.update(STYLE)
 set_matplotlib_formats("svg")

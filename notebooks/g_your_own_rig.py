@@ -48,11 +48,11 @@ from maglev_design.design import (
     true_equilibrium,
 )
 from maglev_design.errors import InputError
-from maglev_design.parameters import parse_rig
 from maglev_design.record import load, make_record, save
 from maglev_design.report.plots.design import error, landscape
 from maglev_design.report.plots.response import response_figure
 from maglev_design.report.plots.style import STYLE
+from maglev_design.rig import parse_rig
 from maglev_design.simulate import Scenario, loop_for, nominal_scenario, simulate, simulate_batch
 from maglev_design.tune import Status, build_problem, judge, solve
 

@@ -8,8 +8,8 @@ from hypothesis import HealthCheck, settings
 from rigs import OFFSET, SHORT, rig_with
 
 from maglev_design.design import PoleSpec
-from maglev_design.parameters import Rig, load_rig
 from maglev_design.record import DesignRecord
+from maglev_design.rig import Rig, load_rig
 
 settings.register_profile(
     "repeatable",

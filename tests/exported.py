@@ -18,8 +18,8 @@ from maglev_design.options import Equilibrium
 from maglev_design.record import DesignRecord
 from maglev_design.simulate import nominal_scenario, resimulate
 from maglev_design.tune import Status, TuneResult, build_problem
+from maglev_design.tune.evaluation import design_at
 from maglev_design.tune.figures import Verification, judge
-from maglev_design.tune.problem import design_at
 
 HOSTILE = "rig */ ??/ \"q\" 's' \\\n% #{U+} {{ x }} {% y %} \u2028 \u00e9 \U0001f9f2"
 WARNINGS = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from typing import Any
 
-from maglev_design.parameters import Rig, make_rig
+from maglev_design.rig import Rig, make_rig
 
 MINIMAL: dict[str, Any] = {
     "plant": {

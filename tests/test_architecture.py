@@ -40,7 +40,7 @@ FLOORS = (
     ),
     Floor(
         "statement",
-        ("parameters", "symbolic", "lowering"),
+        ("rig", "symbolic", "lowering"),
         "a rig's numbers with their units; the mathematics, stated once, in SymPy; what carries an "
         "expression as one straight-line program to CasADi, NumPy and source text",
     ),
@@ -51,8 +51,9 @@ FLOORS = (
     ),
     Floor(
         "controller",
-        ("design",),
-        "rig, poles and a reading of the equilibrium to one controller",
+        ("design", "family"),
+        "rig, poles and a reading of the equilibrium to one controller; the plants that it meets",
+        open=True,
     ),
     Floor(
         "loop",
@@ -88,8 +89,8 @@ HEAVY = {
     "jinja2": {"export", "report"},
     "typer": {"cli"},
     "rich": {"cli"},
-    "pydantic": {"parameters"},
-    "pydantic_core": {"parameters"},
+    "pydantic": {"rig"},
+    "pydantic_core": {"rig"},
     "dask": {"sweep"},
     "distributed": {"sweep"},
 }

@@ -19,7 +19,7 @@ from maglev_design.certify.lyapunov.lmi import LmiCertificate, certify_family
 from maglev_design.design import PoleSpec, make_design
 from maglev_design.errors import InputError
 from maglev_design.files import digest
-from maglev_design.parameters import load_rig
+from maglev_design.rig import load_rig
 
 PAPER = load_rig("belmonte2021")
 DESIGN = make_design(PAPER, PoleSpec.double(1.1371, 107.346))

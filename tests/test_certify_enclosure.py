@@ -15,10 +15,10 @@ from rigs import OFFSET, SHORT, rig_with
 from maglev_design.certify.lyapunov import enclosure
 from maglev_design.certify.lyapunov.enclosure import Series, control_points, enclose, root
 from maglev_design.certify.lyapunov.family import (
-    Claim,
+    CertificateClaim,
+    ExactSubject,
     LoopName,
     NotEnclosedError,
-    Subject,
     claim,
     scaling,
     subject,
@@ -26,8 +26,8 @@ from maglev_design.certify.lyapunov.family import (
 from maglev_design.design import PoleSpec, make_design
 from maglev_design.errors import InputError
 from maglev_design.options import TAN_GPI, Method
-from maglev_design.parameters import Rig, load_rig
 from maglev_design.programs import derived
+from maglev_design.rig import Rig, load_rig
 from maglev_design.symbolic import closed_loop as cl
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.stability import first_part
@@ -38,11 +38,11 @@ PAPER = load_rig("belmonte2021")
 GAINS = (p.k0, p.k1, p.k2, p.k3)
 
 
-def subject_of(rig: Rig, poles: tuple[float, float] = (1.0, 70.0), **options: Any) -> Subject:
+def subject_of(rig: Rig, poles: tuple[float, float] = (1.0, 70.0), **options: Any) -> ExactSubject:
     return subject(make_design(rig, PoleSpec.double(*poles), **options), rig)
 
 
-def at_period(of: Subject, period: Fraction, delay: Fraction) -> Subject:
+def at_period(of: ExactSubject, period: Fraction, delay: Fraction) -> ExactSubject:
     return replace(of, numbers={**of.numbers, "period": float(period)}, delay=delay)
 
 
@@ -61,7 +61,9 @@ def symbolic(loop: LoopName, method: Method, whole: int, partial: bool) -> Any:
     return cl.sampled_matrix(method, whole, partial=partial)
 
 
-def member(of: Subject, over: Claim, gap: Fraction, ratio: Fraction) -> tuple[Any, Any, Any]:
+def member(
+    of: ExactSubject, over: CertificateClaim, gap: Fraction, ratio: Fraction
+) -> tuple[Any, Any, Any]:
     """Return one member's scaled matrix, from the closed forms to DIGITS digits, its m and q."""
     at = cl.at_design_gap()
     _, coefficients = derived.core(of.method, TAN_GPI)

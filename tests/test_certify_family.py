@@ -8,17 +8,17 @@ from typing import Any
 import pytest
 from rigs import MINIMAL, rig_with
 
-from maglev_design.certify.lyapunov.family import Subject, claim, state_names, subject
+from maglev_design.certify.lyapunov.family import ExactSubject, claim, state_names, subject
 from maglev_design.certify.rationals import decimal
 from maglev_design.design import PoleSpec, make_design
 from maglev_design.errors import InputError
 from maglev_design.options import EQUILIBRIA, Controller
-from maglev_design.parameters import Rig, load_rig
+from maglev_design.rig import Rig, load_rig
 
 PAPER = load_rig("belmonte2021")
 
 
-def subject_of(rig: Rig, **options: Any) -> Subject:
+def subject_of(rig: Rig, **options: Any) -> ExactSubject:
     return subject(make_design(rig, PoleSpec.double(1.1371, 107.346), **options), rig)
 
 

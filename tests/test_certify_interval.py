@@ -14,7 +14,7 @@ from maglev_design.certify.intervals.routh import hurwitz_determinant, is_hurwit
 from maglev_design.certify.intervals.spans import ZERO, End, StableSet, unite
 from maglev_design.design import Design, PoleSpec, make_design, plant_beta, true_equilibrium
 from maglev_design.options import EQUILIBRIA, Controller, Equilibrium
-from maglev_design.parameters import Rig, load_rig, preset_names
+from maglev_design.rig import Rig, load_rig, preset_names
 from maglev_design.simulate import Scenario, loop_for, simulate
 
 PAPER, POLES = load_rig("belmonte2021"), PoleSpec.double(1, 70)

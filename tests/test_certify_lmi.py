@@ -20,17 +20,10 @@ from maglev_design.certify.lyapunov.lmi import (
     certify_sampled,
     widest_sampled,
 )
-from maglev_design.design import (
-    Design,
-    PoleSpec,
-    make_design,
-    plant_beta,
-    timing,
-    true_equilibrium,
-)
+from maglev_design.design import Design, PoleSpec, make_design, plant_beta, timing, true_equilibrium
 from maglev_design.errors import InputError
 from maglev_design.options import Method
-from maglev_design.parameters import Rig, load_rig
+from maglev_design.rig import Rig, load_rig
 
 PAPER = load_rig("belmonte2021")
 Array = NDArray[np.float64]

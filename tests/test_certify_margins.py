@@ -12,9 +12,10 @@ from rigs import SHORT, rig_with
 from maglev_design import linear_loop as loops
 from maglev_design.certify.margins import Margin, Margins, sampled_margins
 from maglev_design.design import believed_equilibrium
+from maglev_design.family import family_of
 from maglev_design.linear_loop import Loop, build_loop
 from maglev_design.options import METHODS, Method
-from maglev_design.parameters import Rig
+from maglev_design.rig import Rig
 
 GRID_MISS = 1e-3
 """python-control interpolates between a thousand frequencies; the loop's own search does not."""
@@ -36,7 +37,7 @@ def method(request: pytest.FixtureRequest) -> Method:
 
 @pytest.fixture(scope="module")
 def margins(method: Method) -> Margins:
-    return sampled_margins(loop_of(RIG, method), POLES, loops.family(RIG, beta_error=0.1))
+    return sampled_margins(loop_of(RIG, method), POLES, family_of(RIG, beta_error=0.1))
 
 
 def scaled_radius(loop: Loop, at: Margin, factor: float, late: int = 0) -> float:
@@ -47,7 +48,7 @@ def scaled_radius(loop: Loop, at: Margin, factor: float, late: int = 0) -> float
 
 
 def test_python_control_sees_the_same_peak_of_sensitivity(method: Method, margins: Margins) -> None:
-    over = loops.family(RIG, beta_error=0.1)
+    over = family_of(RIG, beta_error=0.1)
     own = loops.peak_sensitivity(loop_of(RIG, method), POLES, over)
     assert margins.ms.value == pytest.approx(own.value, rel=GRID_MISS)
     assert [margins.ms.gap, margins.ms.ratio] == pytest.approx([own.gap, own.ratio])
@@ -69,7 +70,7 @@ def test_no_gain_between_the_margins_is_unstable_anywhere(method: Method, margin
     gains = np.geomspace(
         margins.gain_down.value * (1 + SIDE), margins.gain_up.value * (1 - SIDE), 25
     )
-    for gap, ratio in loops.family(RIG, beta_error=0.1).grid(3, 2).T:
+    for gap, ratio in family_of(RIG, beta_error=0.1).grid(3, 2).T:
         at = Margin(0.0, float(gap), float(ratio))
         assert max(scaled_radius(loop, at, gain) for gain in gains) < 1
 
@@ -101,14 +102,14 @@ def test_the_phase_margin_is_where_a_turned_loop_becomes_unstable(
 
 def test_an_unstable_loop_has_no_margins() -> None:
     late = rig_with(SHORT, {"sampling.delay": 0.02})
-    found = sampled_margins(loop_of(late, "tustin"), POLES, loops.family(late, beta_error=0.0))
+    found = sampled_margins(loop_of(late, "tustin"), POLES, family_of(late, beta_error=0.0))
     values: list[Any] = [entry["value"] for entry in asdict(found).values()]
     assert len(values) == 7
     assert all(math.isnan(value) for value in values)
 
 
 def test_the_worst_point_is_of_the_family(margins: Margins) -> None:
-    over = loops.family(RIG, beta_error=0.1)
+    over = family_of(RIG, beta_error=0.1)
     for entry in asdict(margins).values():
         assert over.gaps[0] <= entry["gap"] <= over.gaps[1]
         assert over.ratios[0] <= entry["ratio"] <= over.ratios[1]

@@ -37,10 +37,10 @@ from maglev_design.certify.region.simulated import (
 from maglev_design.design import Design, PoleSpec, make_design, plant_beta
 from maglev_design.errors import InputError
 from maglev_design.options import Controller
-from maglev_design.parameters import Rig, load_rig
 from maglev_design.programs import acceleration_program, continuous_program
 from maglev_design.report.plots.region import region_figure
 from maglev_design.report.plots.style import house_style, save_figure
+from maglev_design.rig import Rig, load_rig
 
 Array = NDArray[np.float64]
 ONE = (Fraction(1), Fraction(1))

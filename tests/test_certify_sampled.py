@@ -23,9 +23,9 @@ from maglev_design.certify.intervals.sampled_limits import (
 from maglev_design.certify.intervals.sampled_path import proved_over, sampled_ratios_over
 from maglev_design.certify.rationals import decimal
 from maglev_design.design import Design, PoleSpec, believed_equilibrium, make_design
-from maglev_design.linear_loop import Family
+from maglev_design.family import Family, family_of
 from maglev_design.options import CONTROLLERS, EQUILIBRIA, METHODS, Controller, Equilibrium, Method
-from maglev_design.parameters import Rig, load_rig
+from maglev_design.rig import Rig, load_rig
 
 PAPER, POLES = load_rig("belmonte2021"), PoleSpec.double(1, 70)
 PATH = (0.012, 0.0246)
@@ -246,7 +246,7 @@ def test_a_search_that_gives_up_says_so_and_keeps_what_it_proved() -> None:
     """Many remembered voltages: eigenvalues find the crossing, a proof would take minutes."""
     rig = rig_with(SHORT, {"plant.gravity": 1.62, "sampling.delay": 0.0005})
     design = make_design(rig, PoleSpec.double(1.0, 20.0), method="zoh")
-    gaps = loops.family(rig).gaps
+    gaps = family_of(rig).gaps
     found = largest_delay(setting(rig, design), 0.001, 0.0005, gaps)
     assert found.status is LimitStatus.GAVE_UP
     assert found.unstable is not None

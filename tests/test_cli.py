@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 import reference
 
-from maglev_design.parameters import preset_names, preset_text
+from maglev_design.rig import preset_names, preset_text
 
 SLOW = 240
 """[s] A start costs seconds, more on a busy machine."""

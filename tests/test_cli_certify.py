@@ -18,8 +18,8 @@ from maglev_design.design import Design, PoleSpec, make_design
 from maglev_design.errors import InputError
 from maglev_design.files import finite
 from maglev_design.options import EQUILIBRIA, SCHEMA_VERSION
-from maglev_design.parameters import Rig, load_rig
 from maglev_design.record import document_bytes
+from maglev_design.rig import Rig, load_rig
 
 POLES = PoleSpec.double(1, 70)
 DESIGN = make_design(load_rig("belmonte2021"), POLES)

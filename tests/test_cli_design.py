@@ -22,8 +22,8 @@ from maglev_design.errors import InfeasibleError, InputError
 from maglev_design.export.controller import controller_of, doubts
 from maglev_design.export.printing import printed
 from maglev_design.options import Controller
-from maglev_design.parameters import load_rig
 from maglev_design.programs import gains_program
+from maglev_design.rig import load_rig
 from maglev_design.symbolic import laws
 from maglev_design.symbolic import plant as p
 from maglev_design.tune import build_problem, judge

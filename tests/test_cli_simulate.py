@@ -19,8 +19,8 @@ from maglev_design.design import Design, PoleSpec, make_design, plant_beta
 from maglev_design.errors import InputError
 from maglev_design.files import finite
 from maglev_design.options import Equilibrium
-from maglev_design.parameters import Rig
 from maglev_design.record import document_bytes
+from maglev_design.rig import Rig
 from maglev_design.simulate import loop_for, simulate
 
 EMULATED = {"emulator.period": 0.002, "emulator.sensor_step": 1e-6, "emulator.delay": 0.0005}

@@ -27,7 +27,7 @@ from maglev_design.cli.sweep_verb import Request
 from maglev_design.design import PoleSpec, make_design
 from maglev_design.errors import InputError
 from maglev_design.files import finite
-from maglev_design.parameters import Rig, load_rig
+from maglev_design.rig import Rig, load_rig
 from maglev_design.sweep import executors
 
 SLOW = 240

@@ -25,7 +25,7 @@ from rigs import SHORT, rig_with
 
 from maglev_design.design import Design, PoleSpec, make_design, plant_beta
 from maglev_design.options import METHODS
-from maglev_design.parameters import Rig
+from maglev_design.rig import Rig
 from maglev_design.simulate import (
     Scenario,
     build,

@@ -19,8 +19,8 @@ from maglev_design import design as designs
 from maglev_design.design import PoleSpec
 from maglev_design.errors import InputError
 from maglev_design.options import EQUILIBRIA, METHODS, Equilibrium, Method
-from maglev_design.parameters import Rig
 from maglev_design.programs import gains_program, slope_program
+from maglev_design.rig import Rig
 
 ROUNDING = 1e-12
 EXPONENTIAL = 1e-10

@@ -11,17 +11,10 @@ from numpy.typing import NDArray
 from rigs import OFFSET, SHORT, rig_with
 from scipy.integrate import solve_ivp
 
-from maglev_design.design import (
-    Design,
-    PoleSpec,
-    make_design,
-    plant_beta,
-    reference_path,
-    timing,
-)
+from maglev_design.design import Design, PoleSpec, make_design, plant_beta, reference_path, timing
 from maglev_design.errors import InputError
-from maglev_design.parameters import Rig, load_rig
 from maglev_design.programs import law, step_program
+from maglev_design.rig import Rig, load_rig
 from maglev_design.simulate import (
     Response,
     Scenario,

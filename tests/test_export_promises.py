@@ -25,7 +25,7 @@ from maglev_design.export.controller import (
     emulated_at_own_period,
 )
 from maglev_design.export.emulation import emulated_run
-from maglev_design.export.promises import Subject, certificate
+from maglev_design.export.promises import PromiseSubject, certificate
 from maglev_design.export.vectors import Recorder
 from maglev_design.record import DesignRecord
 from maglev_design.simulate import loop_for, nominal_scenario, simulate
@@ -237,7 +237,7 @@ def test_the_emulated_run_is_that_of_the_simulation() -> None:
 def test_the_linear_loop_is_that_of_the_tuning_at_every_delay() -> None:
     for delay in (0.0, 0.0004, 0.001, 0.0023):
         record = judged(PoleSpec.double(1.1, 75.0), {"sampling.delay": delay})
-        subject = Subject(controller_of(record, "maglev"))
+        subject = PromiseSubject(controller_of(record, "maglev"))
         loop = loops.loop_of(record.rig, record.design)
         for gap, ratio in ((0.02, 0.9), (0.0246, 1.1)):
             own = subject.linear(gap, ratio, 0.0)

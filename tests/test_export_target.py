@@ -13,7 +13,7 @@ from exported import needs, run
 
 from maglev_design.errors import VerificationError
 from maglev_design.export import cortex, cross, replayed
-from maglev_design.export.controller import Controller, controller_of
+from maglev_design.export.controller import ExportedController, controller_of
 from maglev_design.export.folder import files_of
 from maglev_design.export.native import CORTEX_M4
 from maglev_design.export.replayed import KINDS, PRECISIONS, Rows
@@ -36,12 +36,12 @@ def named(checks: tuple[Check, ...], precision: str) -> dict[str, Check]:
 
 
 @pytest.fixture(scope="module")
-def controller(tuned_record: DesignRecord) -> Controller:
+def controller(tuned_record: DesignRecord) -> ExportedController:
     return controller_of(tuned_record, "pid")  # as the yardstick might be called
 
 
 @pytest.fixture(scope="module")
-def content(controller: Controller) -> dict[str, bytes]:
+def content(controller: ExportedController) -> dict[str, bytes]:
     return files_of(controller, "c")
 
 
@@ -54,7 +54,9 @@ def work(content: dict[str, bytes], tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def checks(
-    controller: Controller, content: dict[str, bytes], tmp_path_factory: pytest.TempPathFactory
+    controller: ExportedController,
+    content: dict[str, bytes],
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> tuple[Check, ...]:
     tools()
     place = tmp_path_factory.mktemp("m4")
@@ -66,7 +68,7 @@ def checks(
 
 
 def ran(
-    controller: Controller, work: Path, precision: str
+    controller: ExportedController, work: Path, precision: str
 ) -> tuple[dict[tuple[str, str], int], Rows, dict[str, int]]:
     """Build and run what is in `work`: sizes, answers, figures."""
     place = work / f"again_{len(list(work.iterdir()))}"
@@ -107,7 +109,7 @@ def test_costs_are_figures_without_a_limit_and_single_precision_is_cheaper(
         assert found["a sample of the reference"].value > 0
 
 
-def test_code_is_what_the_tool_for_it_says(controller: Controller, work: Path) -> None:
+def test_code_is_what_the_tool_for_it_says(controller: ExportedController, work: Path) -> None:
     tools()
     cortex.write_sources(controller, work)
     sizes, _, _ = ran(controller, work, "double")
@@ -122,7 +124,7 @@ def test_code_is_what_the_tool_for_it_says(controller: Controller, work: Path) -
 
 @pytest.mark.parametrize("count", [1, 100])
 def test_instructions_are_counted_one_by_one(
-    controller: Controller, work: Path, count: int
+    controller: ExportedController, work: Path, count: int
 ) -> None:
     tools()
     cortex.write_sources(controller, work)
@@ -137,7 +139,9 @@ def test_instructions_are_counted_one_by_one(
     assert costs[1].most == costs[0].most
 
 
-def test_the_stack_is_as_deep_as_what_is_put_on_it(controller: Controller, work: Path) -> None:
+def test_the_stack_is_as_deep_as_what_is_put_on_it(
+    controller: ExportedController, work: Path
+) -> None:
     tools()
     cortex.write_sources(controller, work)
     source = (work / "plain-pid.c").read_text("ascii")
@@ -151,7 +155,7 @@ def test_the_stack_is_as_deep_as_what_is_put_on_it(controller: Controller, work:
 
 
 def test_a_product_and_a_sum_in_one_operation_are_found(
-    controller: Controller, work: Path, monkeypatch: pytest.MonkeyPatch
+    controller: ExportedController, work: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tools()
     monkeypatch.setattr(cross, "OPTIMISED", ("-O2", "-ffp-contract=fast"))
@@ -162,7 +166,9 @@ def test_a_product_and_a_sum_in_one_operation_are_found(
     assert vectors.value > 0
 
 
-def test_an_answer_that_was_not_recorded_is_found(controller: Controller, work: Path) -> None:
+def test_an_answer_that_was_not_recorded_is_found(
+    controller: ExportedController, work: Path
+) -> None:
     tools()
     text = (work / "vectors.csv").read_text("ascii")
     lines = text.splitlines()
@@ -184,7 +190,7 @@ def test_an_answer_that_was_not_recorded_is_found(controller: Controller, work: 
     ],
 )
 def test_a_processor_that_stops_and_a_compiler_that_warns_are_failures(
-    controller: Controller, work: Path, old: str, new: str, said: str
+    controller: ExportedController, work: Path, old: str, new: str, said: str
 ) -> None:
     tools()
     cortex.write_sources(controller, work)
@@ -196,7 +202,7 @@ def test_a_processor_that_stops_and_a_compiler_that_warns_are_failures(
 
 
 def test_without_the_tools_nothing_is_checked_and_that_is_said(
-    controller: Controller, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    controller: ExportedController, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     part = cortex.on_cortex_m4(controller, "gcc", tmp_path)
@@ -254,7 +260,7 @@ def test_events_are_what_the_vectors_say(work: Path) -> None:
     assert events.itemsize == 24
 
 
-def law_and_pid(controller: Controller) -> Iterator[float]:
+def law_and_pid(controller: ExportedController) -> Iterator[float]:
     """Yield the difference of the two linear answers to an error that grows by 1 um a sample."""
     n, pid = controller.numbers, cortex.plain_pid(controller.numbers)
     x1 = x2 = 0.0
@@ -267,7 +273,7 @@ def law_and_pid(controller: Controller) -> Iterator[float]:
         integral, last = integral + pid["integral"] * e, e
 
 
-def test_the_yardstick_is_the_law_to_slow_errors(controller: Controller) -> None:
+def test_the_yardstick_is_the_law_to_slow_errors(controller: ExportedController) -> None:
     apart = list(law_and_pid(controller))
     assert abs(apart[-1]) < 1e-9
 

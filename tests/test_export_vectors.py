@@ -10,20 +10,20 @@ from rigs import SHORT, rig_with
 
 from maglev_design.design import plant_beta
 from maglev_design.errors import InputError, VerificationError
-from maglev_design.export.controller import Controller, controller_of
+from maglev_design.export.controller import ExportedController, controller_of
 from maglev_design.export.vectors import HELD, OK, TRIPPED, record_vectors, short_path
-from maglev_design.parameters import Rig
 from maglev_design.record import DesignRecord
+from maglev_design.rig import Rig
 from maglev_design.simulate import loop_for, nominal_scenario, simulate
 
 
 @pytest.fixture(scope="module")
-def controller(tuned_record: DesignRecord) -> Controller:
+def controller(tuned_record: DesignRecord) -> ExportedController:
     return controller_of(tuned_record, "maglev")
 
 
 @pytest.fixture(scope="module")
-def lines(controller: Controller) -> list[list[str]]:
+def lines(controller: ExportedController) -> list[list[str]]:
     text, rows = record_vectors(controller)
     found = [line.split(",") for line in text.splitlines() if not line.startswith("#")]
     assert rows == sum(words[0] == "step" for words in found)
@@ -48,7 +48,7 @@ def test_the_first_rows_are_the_simulation_to_the_last_bit(
 
 
 def test_the_vectors_saturate_at_both_ends_reset_move_start_bumpless_and_fail(
-    controller: Controller, lines: list[list[str]]
+    controller: ExportedController, lines: list[list[str]]
 ) -> None:
     n = controller.numbers
     rows = steps(lines)
@@ -69,11 +69,11 @@ def test_after_a_bumpless_start_the_first_command_is_the_voltage_asked_for(
     assert float(lines[at + 1][4]) == pytest.approx(float(lines[at][1]), rel=1e-9)
 
 
-def test_the_vectors_are_the_same_every_time(controller: Controller) -> None:
+def test_the_vectors_are_the_same_every_time(controller: ExportedController) -> None:
     assert record_vectors(controller) == record_vectors(controller)
 
 
-def test_a_law_that_is_not_the_simulated_one_is_noticed(controller: Controller) -> None:
+def test_a_law_that_is_not_the_simulated_one_is_noticed(controller: ExportedController) -> None:
     changed = [
         replace(c, value=math.nextafter(c.value, math.inf)) if c.name == "d" else c
         for c in controller.law_constants

@@ -17,16 +17,12 @@ from scipy.optimize import brentq
 from scipy.signal import cont2discrete, tf2ss
 
 from maglev_design import linear_loop as loops
-from maglev_design.design import (
-    PoleSpec,
-    believed_equilibrium,
-    make_design,
-    plant_beta,
-)
+from maglev_design.design import PoleSpec, believed_equilibrium, make_design, plant_beta
 from maglev_design.errors import InputError
-from maglev_design.linear_loop import Family, Loop, build_loop
+from maglev_design.family import Family, family_of
+from maglev_design.linear_loop import Loop, build_loop
 from maglev_design.options import EQUILIBRIA, METHODS, TAN_GPI, Controller, Equilibrium, Method
-from maglev_design.parameters import Rig
+from maglev_design.rig import Rig
 from maglev_design.simulate import Scenario, loop_for
 from maglev_design.simulate.scenario import parameter_vector
 from maglev_design.simulate.stepping import run
@@ -188,7 +184,7 @@ def linear(
 
 
 def over(rig: Rig) -> Family:
-    return loops.family(rig)
+    return family_of(rig)
 
 
 def loop_of(
@@ -582,7 +578,7 @@ def test_the_linear_loop_is_the_simulated_one_for_small_deviations(
 
 
 def test_the_family_spans_path_start_and_equilibrium_and_the_ratios(paper_rig: Rig) -> None:
-    found = loops.family(paper_rig)
+    found = family_of(paper_rig)
     assert found.gaps == (0.012, 0.0246)
     assert found.ratios == pytest.approx((0.85, 1.15))
 
@@ -606,14 +602,14 @@ def test_a_family_has_four_corners_or_fewer_when_an_interval_is_a_point() -> Non
 
 def test_a_measured_voltage_makes_the_ratio_s_interval() -> None:
     rig = RIGS["offset"]
-    assert loops.family(rig, "measured").ratios == pytest.approx((0.99**2, 1.01**2))
+    assert family_of(rig, "measured").ratios == pytest.approx((0.99**2, 1.01**2))
     stated = rig_with(rig.model_dump(exclude_none=True), {"uncertainty.voltage": 0.03})
-    assert loops.family(stated, "measured").ratios == pytest.approx((0.97**2, 1.03**2))
-    assert loops.family(stated, "measured", 0.2).ratios == pytest.approx((0.8, 1.2))
+    assert family_of(stated, "measured").ratios == pytest.approx((0.97**2, 1.03**2))
+    assert family_of(stated, "measured", 0.2).ratios == pytest.approx((0.8, 1.2))
     for reading in ("model", "appendix-a"):
-        assert loops.family(stated, reading).ratios == pytest.approx((0.9, 1.1))
+        assert family_of(stated, reading).ratios == pytest.approx((0.9, 1.1))
     with pytest.raises(InputError, match="less than 1"):
-        loops.family(rig, "model", 1.0)
+        family_of(rig, "model", 1.0)
 
 
 @pytest.mark.parametrize("reading", ["model", "measured"])
@@ -623,7 +619,7 @@ def test_another_offset_is_another_direction_of_the_family(reading: Equilibrium)
     y0, Y = RIGS["offset"].plant.gap_offset, RIGS["offset"].operating_point.gap
     offsets = (y0 - 0.0005, y0 + 0.001)
     rig = rig_with(data, {"uncertainty.gap_offset": list(offsets)})
-    own, whole = believed_equilibrium(rig, reading), loops.family(rig, reading)
+    own, whole = believed_equilibrium(rig, reading), family_of(rig, reading)
     known = loops.peak_sensitivity(loop_of(rig, reading=reading), POLES, whole).value
     found = []
     for offset in (offsets[0], y0, offsets[1]):

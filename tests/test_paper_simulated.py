@@ -18,7 +18,7 @@ from maglev_design.paper.comparative import (
 from maglev_design.paper.ledger import Claim
 from maglev_design.paper.survey import Row, survey
 from maglev_design.paper.trials import contenders
-from maglev_design.parameters import Rig
+from maglev_design.rig import Rig
 
 pytestmark = pytest.mark.xdist_group("survey")
 

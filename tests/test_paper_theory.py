@@ -40,7 +40,7 @@ from maglev_design.paper.theory_linear import (
 )
 from maglev_design.paper.theory_plant import residual_is_zero
 from maglev_design.paper.theory_sampled import boundary, largest_period, ratio_interval
-from maglev_design.parameters import Rig, make_rig
+from maglev_design.rig import Rig, make_rig
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.stability import stability_condition
 

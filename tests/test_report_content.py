@@ -13,16 +13,16 @@ from records import HOSTILE, tuned
 from rigs import SHORT, rig_with
 
 from maglev_design.options import DEFAULT_PRESET
-from maglev_design.parameters import load_rig, make_rig
 from maglev_design.record import DesignRecord, rig_as_data
 from maglev_design.report.chapter_emulated import emulated_chapter
 from maglev_design.report.chapters_result import summary_chapter, worst_chapter
 from maglev_design.report.chapters_theory import routh_chapter
 from maglev_design.report.commands import design_command, rig_toml
-from maglev_design.report.content import Figure, Formula, Quantity, Report, Section, Table
+from maglev_design.report.content import Chapter, Figure, Formula, Quantity, Report, Table
 from maglev_design.report.derivation_steps import _read, derivation_steps
 from maglev_design.report.escape import latex_text, markdown_code, markdown_text, one_line
 from maglev_design.report.words import number_latex, number_text, unit_latex, unit_text
+from maglev_design.rig import load_rig, make_rig
 
 
 def table(name: str, rows: int = 1) -> Table:
@@ -31,15 +31,15 @@ def table(name: str, rows: int = 1) -> Table:
 
 def test_labels_count_tables_and_figures_apart_in_their_order() -> None:
     figure = Figure("picture", ("c",), "make")
-    first = Section("one", (table("x"), figure, Formula((("a", "= b"),), "25")))
-    report = Report("t", "s", (first, Section("two", (table("y"),), 2)))
+    first = Chapter("one", (table("x"), figure, Formula((("a", "= b"),), "25")))
+    report = Report("t", "s", (first, Chapter("two", (table("y"),), 2)))
     assert report.labels == {"x": "Table 1", "picture": "Figure 1", "25": "(25)", "y": "Table 2"}
     assert report.figures() == (figure,)
 
 
 def test_two_blocks_of_one_name_and_ragged_tables_are_refused() -> None:
     with pytest.raises(ValueError, match="two blocks"):
-        Report("t", "s", (Section("one", (table("x"), table("x"))),))
+        Report("t", "s", (Chapter("one", (table("x"), table("x"))),))
     with pytest.raises(ValueError, match="different lengths"):
         Table("x", (), (("a",),), ((("1",), ("2",)),), "make", "l")
 

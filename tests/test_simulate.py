@@ -25,7 +25,7 @@ from maglev_design.design import (
     voltage_on_plant,
 )
 from maglev_design.options import EQUILIBRIA, METHODS, Controller, Equilibrium, Method
-from maglev_design.parameters import Rig
+from maglev_design.rig import Rig
 from maglev_design.simulate import (
     Crash,
     LoopGraph,

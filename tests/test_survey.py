@@ -16,7 +16,7 @@ from maglev_design.paper.survey import (
     survey,
 )
 from maglev_design.paper.trials import MISMATCHED, Reading, contenders, figures, run_trial
-from maglev_design.parameters import Rig
+from maglev_design.rig import Rig
 
 
 def row(label: str, value: float, *, stated: bool = True, **levels: str) -> Row:

@@ -23,15 +23,8 @@ from maglev_design import sweep as sweeps
 from maglev_design.design import Design, PoleSpec, make_design, plant_beta
 from maglev_design.errors import InputError
 from maglev_design.options import Controller, Equilibrium
-from maglev_design.parameters import DRAWN, Rig, Spread
-from maglev_design.simulate import (
-    Scenario,
-    Summary,
-    compiled,
-    loop_for,
-    simulate,
-    total_variation,
-)
+from maglev_design.rig import DRAWN, Rig, Spread
+from maglev_design.simulate import Scenario, Summary, compiled, loop_for, simulate, total_variation
 from maglev_design.sweep import draws, executors, result, scenarios
 from maglev_design.sweep.chunks import chunk_path
 from maglev_design.sweep.setup import MOST_SAMPLES, Setup

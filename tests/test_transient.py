@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from maglev_design.design import PoleSpec, make_design, plant_beta
-from maglev_design.parameters import Rig
+from maglev_design.rig import Rig
 from maglev_design.simulate import (
     Response,
     build,

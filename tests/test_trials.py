@@ -16,7 +16,8 @@ from maglev_design.design import (
     make_design,
     plant_beta,
 )
-from maglev_design.linear_loop import build_loop, family, peak_sensitivity
+from maglev_design.family import family_of
+from maglev_design.linear_loop import build_loop, peak_sensitivity
 from maglev_design.options import TAN_GPI, Controller
 from maglev_design.paper.comparison import Comparison, compare, summarise
 from maglev_design.paper.survey import COMPARED
@@ -33,7 +34,7 @@ from maglev_design.paper.trials import (
     rig_for,
     run_trial,
 )
-from maglev_design.parameters import Rig, load_rig
+from maglev_design.rig import Rig, load_rig
 from maglev_design.simulate import Scenario, stated_errors
 
 PAPER = PoleSpec.double(*PAPER_POLES)
@@ -135,7 +136,7 @@ def test_every_controller_has_the_margins_of_its_own_loop(
             method="tustin",
             controller=margins.contender.controller,
         )
-        over = family(short_rig)
+        over = family_of(short_rig)
         peak = peak_sensitivity(loop, margins.contender.poles.values, over)
         # python-control's grid of frequencies and gaps against the refined search
         assert margins.margins.ms.value == pytest.approx(peak.value, rel=5e-3)

@@ -21,7 +21,7 @@ from maglev_design.design import Design, PoleSpec, believed_equilibrium
 from maglev_design.errors import InputError
 from maglev_design.files import finite
 from maglev_design.linear_loop import build_loop
-from maglev_design.parameters import Rig
+from maglev_design.rig import Rig
 from maglev_design.simulate import loop_for, nominal_scenario, simulate
 from maglev_design.tune import (
     Status,
@@ -37,15 +37,8 @@ from maglev_design.tune import (
     solve_every_method,
     trade_off,
 )
-from maglev_design.tune.problem import (
-    CERTIFICATE,
-    Case,
-    coarse_slacks,
-    design_at,
-    linear_constraints,
-    run,
-    runs,
-)
+from maglev_design.tune.evaluation import coarse_slacks, design_at, linear_constraints, run, runs
+from maglev_design.tune.problem import CERTIFICATE, TuningCase
 from maglev_design.tune.result import Baseline, alternatives_of
 
 GRID_BETTER = 2e-3
@@ -156,7 +149,7 @@ def test_the_limits_are_kept_at_every_ratio_between(
     problem: TuningProblem, result: TuneResult
 ) -> None:
     for ratio in np.linspace(*problem.family.ratios, 41):
-        for limit in run(problem, result.poles, Case(), float(ratio)).constraints:
+        for limit in run(problem, result.poles, TuningCase(), float(ratio)).constraints:
             assert limit.slack >= -VIOLATED, (ratio, limit.name)
 
 
@@ -184,7 +177,7 @@ def test_no_sampled_ratio_is_worse_than_the_worst(
 ) -> None:
     low, high = problem.family.ratios
     values = [
-        run(problem, result.poles, Case(), float(r)).value for r in np.linspace(low, high, 41)
+        run(problem, result.poles, TuningCase(), float(r)).value for r in np.linspace(low, high, 41)
     ]
     assert max(values) <= result.figures.worst.itae * (1 + WORSE_RATIO)
     assert min(values) < 0.9 * result.figures.worst.itae  # the ratio matters
@@ -281,9 +274,9 @@ def test_two_searches_give_the_same_document(problem: TuningProblem, result: Tun
 
 
 @pytest.mark.parametrize("objective", ["itae", "iae", "ise"])
-@pytest.mark.parametrize(("case", "ratio"), [(Case(), 0.9), (Case(flipped=True), 1.08)])
+@pytest.mark.parametrize(("case", "ratio"), [(TuningCase(), 0.9), (TuningCase(flipped=True), 1.08)])
 def test_gradients_of_the_objective_and_of_the_limits(
-    objective: str, case: Case, ratio: float
+    objective: str, case: TuningCase, ratio: float
 ) -> None:
     problem = build_problem(quick(), objective=objective, distinct=True, allow_saturation=False)
     at = np.array([1.1, 62.0, 0.9, 71.0])
@@ -324,7 +317,7 @@ def test_gradients_of_the_objective_and_of_the_limits(
 
 def test_a_double_pair_has_the_gradient_along_its_two_directions(problem: TuningProblem) -> None:
     poles = PoleSpec.double(1.1, 66.0)
-    trial = (poles, Case(), 0.95)
+    trial = (poles, TuningCase(), 0.95)
     (double,) = runs(problem, [trial], gradients=True)
     (four,) = runs(build_problem(quick(), distinct=True), [trial], gradients=True)
     along = problem.directions

@@ -14,8 +14,8 @@ from maglev_design.cli import app
 from maglev_design.cli.emulated_text import emulated_headline, emulated_warnings
 from maglev_design.design import PAPER_POLES, PoleSpec, make_design, plant_beta
 from maglev_design.errors import InputError
-from maglev_design.parameters import Rig, load_rig
 from maglev_design.record import load
+from maglev_design.rig import Rig, load_rig
 from maglev_design.simulate import at_own_period, emulated, loop_for, nominal_scenario, simulate
 from maglev_design.simulate.transient import total_variation
 from maglev_design.tune import (
@@ -36,7 +36,7 @@ from maglev_design.tune.emulated import (
     judging_seeds,
     sensitivity_peaks,
 )
-from maglev_design.tune.problem import design_at
+from maglev_design.tune.evaluation import design_at
 
 EFFECTS: dict[str, Any] = {
     "inductance": 0.011,

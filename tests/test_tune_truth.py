@@ -12,7 +12,7 @@ from maglev_design.cli.tune_verb import _hopeless
 from maglev_design.design import PoleSpec, fastest_unstable_pole
 from maglev_design.errors import InputError
 from maglev_design.files import finite
-from maglev_design.parameters import Rig, load_rig
+from maglev_design.rig import Rig, load_rig
 from maglev_design.tune import (
     Status,
     TuneResult,
@@ -24,7 +24,7 @@ from maglev_design.tune import (
     solve,
 )
 from maglev_design.tune.cautions import cautions
-from maglev_design.tune.problem import run
+from maglev_design.tune.evaluation import run
 
 QUICK: dict[str, Any] = {
     **MINIMAL,

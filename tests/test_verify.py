@@ -15,9 +15,9 @@ from maglev_design.errors import InputError
 from maglev_design.export import Verdict, export_folder, verify_folder
 from maglev_design.export.behaviour import longest_delay
 from maglev_design.export.classes import class_samples, single, wrong_answers
-from maglev_design.export.controller import Controller, controller_of
+from maglev_design.export.controller import ExportedController, controller_of
 from maglev_design.export.folder import manifest_digest, sha256
-from maglev_design.export.loops import NewDevice, Run, close, fault_cases, fly
+from maglev_design.export.loops import ExportedRun, NewDevice, close, fault_cases, fly
 from maglev_design.export.printing import printed
 from maglev_design.export.vectors import Recorder
 from maglev_design.record import DesignRecord
@@ -28,7 +28,7 @@ SAME_TRACK = 1e-9
 
 
 @pytest.fixture(scope="module")
-def controller(tuned_record: DesignRecord) -> Controller:
+def controller(tuned_record: DesignRecord) -> ExportedController:
     return controller_of(tuned_record, "maglev")
 
 
@@ -55,7 +55,7 @@ def rehashed(folder: Path) -> None:
     (folder / "manifest.json").write_text(json.dumps(manifest), "ascii")
 
 
-def python_printing(controller: Controller) -> NewDevice:
+def python_printing(controller: ExportedController) -> NewDevice:
     """Return the class that the Python export defines."""
     space: dict[str, Any] = {"__name__": "maglev"}
     exec(printed(controller, "python", 0)["maglev.py"], space)  # noqa: S102 - our own print
@@ -178,7 +178,7 @@ def test_vectors_of_another_design_are_found(copies: Path) -> None:
     assert failed(verify_folder(copies / "python")) == {"vectors are those of the simulation"}
 
 
-def test_a_controller_that_passes_a_nan_on_is_found(controller: Controller) -> None:
+def test_a_controller_that_passes_a_nan_on_is_found(controller: ExportedController) -> None:
     class Naive(Recorder):
         status = 0
 
@@ -195,7 +195,9 @@ def test_a_controller_that_passes_a_nan_on_is_found(controller: Controller) -> N
     assert 0 < wrong < answers
 
 
-def test_a_delay_that_the_loop_does_not_stand_is_not_promised(controller: Controller) -> None:
+def test_a_delay_that_the_loop_does_not_stand_is_not_promised(
+    controller: ExportedController,
+) -> None:
     device = python_printing(controller)
     margin = controller.record.document["margins"]["delay_s"]
     plant = margin["gap"], controller.record.design.beta_at(margin["ratio"]), 0.0
@@ -203,7 +205,7 @@ def test_a_delay_that_the_loop_does_not_stand_is_not_promised(controller: Contro
     assert not longest_delay(controller, device, 1.25 * margin["value"], *plant).passed
 
 
-def test_every_class_of_number_is_tried(controller: Controller) -> None:
+def test_every_class_of_number_is_tried(controller: ExportedController) -> None:
     gaps = {sample[0] for sample in class_samples(controller) if not math.isnan(sample[0])}
     n = controller.numbers
     assert {math.inf, -math.inf, 0.0, n["gap_low"], n["gap_high"]} <= gaps
@@ -212,7 +214,9 @@ def test_every_class_of_number_is_tried(controller: Controller) -> None:
     assert single(0.1) != 0.1
 
 
-def test_the_quick_loop_is_the_independent_one(controller: Controller, exported: Path) -> None:
+def test_the_quick_loop_is_the_independent_one(
+    controller: ExportedController, exported: Path
+) -> None:
     class Device(Recorder):
         status = 0
 
@@ -226,14 +230,14 @@ def test_the_quick_loop_is_the_independent_one(controller: Controller, exported:
             return super().step(gap, reference, acceleration)[1]
 
     rig = controller.record.rig
-    quick, slow = Run(Device()), Run(Device())
+    quick, slow = ExportedRun(Device()), ExportedRun(Device())
     assert not fly(controller, quick)
     assert not close(controller, slow, nominal_scenario(rig, plant_beta(rig))).crashed
     assert len(quick.gaps) == len(slow.gaps) == 400
     assert max(abs(a - b) for a, b in zip(quick.gaps, slow.gaps, strict=True)) < SAME_TRACK
 
 
-def test_faults_are_what_their_names_say(controller: Controller) -> None:
+def test_faults_are_what_their_names_say(controller: ExportedController) -> None:
     missed, lost, outside, stuck, late, delayed, worst = fault_cases(controller, 400)
     seen = [missed.fault(k, 0.02, 0.03) for k in range(100)]
     assert [k for k, gap in enumerate(seen) if math.isnan(gap)] == [49, 99]

@@ -22,11 +22,12 @@ from maglev_design.certify.numbers import check_same_rig
 from maglev_design.certify.rationals import decimal
 from maglev_design.design import Design
 from maglev_design.errors import InputError
+from maglev_design.family import Family, family_of
 from maglev_design.files import finite
-from maglev_design.linear_loop import Extreme, Family
+from maglev_design.linear_loop import Extreme
 from maglev_design.options import EQUILIBRIA, TAN_GPI, Equilibrium
-from maglev_design.parameters import Rig
 from maglev_design.programs import gains_program
+from maglev_design.rig import Rig
 from maglev_design.symbolic import robustness, stability
 
 ONE = Fraction(1)
@@ -34,7 +35,7 @@ Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
-class Subject:
+class AssessmentSubject:
     """Which controller is judged, on which rig, and over which family of plants.
 
     Attributes
@@ -57,7 +58,7 @@ def subject(
     *,
     beta_error: float | None = None,
     gap_range: tuple[float, float] | None = None,
-) -> Subject:
+) -> AssessmentSubject:
     """Return what is to be judged; the rig's uncertainty and path where nothing else is said.
 
     Raises
@@ -66,7 +67,7 @@ def subject(
         For a design of another rig, an uncertainty outside [0, 1), or a range of gaps that is none.
     """
     check_same_rig(rig, design)
-    over = loops.family(rig, design.equilibrium, beta_error)
+    over = family_of(rig, design.equilibrium, beta_error)
     if gap_range is not None:
         low, high = gap_range
         if not (0 < low <= high < math.inf):
@@ -75,7 +76,7 @@ def subject(
                 "above the second"
             )
         over = replace(over, gaps=(low, high))
-    return Subject(rig, design, over)
+    return AssessmentSubject(rig, design, over)
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,7 @@ class Assessment:
         At the corners of the family and the middle of its gaps.
     """
 
-    subject: Subject
+    subject: AssessmentSubject
     conditions: tuple[str, ...]
     closed_form: dict[str, str]
     exact: tuple[StableSet, ...]
@@ -168,7 +169,7 @@ class Assessment:
         }
 
 
-def _family(own: Subject) -> dict[str, Any]:
+def _family(own: AssessmentSubject) -> dict[str, Any]:
     over, offset = own.family, own.rig.plant.gap_offset
     return {
         "gaps": list(over.gaps),
@@ -178,7 +179,7 @@ def _family(own: Subject) -> dict[str, Any]:
     }
 
 
-def assess(own: Subject, progress: Progress = lambda _stage, _done: None) -> Assessment:
+def assess(own: AssessmentSubject, progress: Progress = lambda _stage, _done: None) -> Assessment:
     """Return what holds of a loop: exact intervals, enclosed ends, margins."""
     rig, design, gaps = own.rig, own.design, own.family.gaps
     progress("exact intervals", 0.0)

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from maglev_design import programs
 from maglev_design.certify.intervals.sampled import setting
 from maglev_design.design import Design
-from maglev_design.linear_loop import Family, Loop
+from maglev_design.family import Family
+from maglev_design.linear_loop import Loop
 from maglev_design.lowering import Program, lower
 from maglev_design.options import Controller
-from maglev_design.parameters import Rig
+from maglev_design.rig import Rig
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic import robustness
 

@@ -12,8 +12,8 @@ from maglev_design import programs
 from maglev_design.certify.rationals import decimal
 from maglev_design.design import Design
 from maglev_design.errors import InputError
-from maglev_design.parameters import Rig
 from maglev_design.programs import derived
+from maglev_design.rig import Rig
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.linearisation import believed_beta, believed_coefficients, linearise
 

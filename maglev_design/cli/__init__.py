@@ -90,7 +90,7 @@ def presets(context: typer.Context, json: JsonOption = False) -> None:
 @presets_app.command("show")
 def presets_show(name: Annotated[str, typer.Argument(help="Name of a preset.")]) -> None:
     """Print the TOML of a preset, with its sources, to start a rig file of your own."""
-    from maglev_design.parameters import preset_text  # noqa: PLC0415
+    from maglev_design.rig import preset_text  # noqa: PLC0415
 
     typer.echo(preset_text(name), nl=False)
 

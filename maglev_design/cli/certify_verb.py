@@ -199,7 +199,7 @@ def _subject(request: Request) -> tuple[Any, float | None]:
         make_design,
     )
     from maglev_design.options import DEFAULT_PRESET  # noqa: PLC0415
-    from maglev_design.parameters import load_rig  # noqa: PLC0415
+    from maglev_design.rig import load_rig  # noqa: PLC0415
 
     beta_error = request.beta_error
     if request.design is not None:
@@ -225,7 +225,7 @@ def _subject(request: Request) -> tuple[Any, float | None]:
 
 def _saved(path: Path, request: Request) -> tuple[Any, Any, float | None]:
     """Return rig, controller and error of beta of a saved design; nothing of it may be changed."""
-    from maglev_design.linear_loop import family  # noqa: PLC0415
+    from maglev_design.family import family_of  # noqa: PLC0415
     from maglev_design.record import load  # noqa: PLC0415
 
     if request.rig is not None:
@@ -246,7 +246,7 @@ def _saved(path: Path, request: Request) -> tuple[Any, Any, float | None]:
                 "as they are; leave the option out, or the design"
             )
     ratios = tuple(record.document["family"]["ratios"])
-    if ratios == family(rig, design.equilibrium).ratios:
+    if ratios == family_of(rig, design.equilibrium).ratios:
         return rig, design, None
     return rig, design, float(f"{(ratios[1] - ratios[0]) / 2:.12g}")
 

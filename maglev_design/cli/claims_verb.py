@@ -19,9 +19,9 @@ from maglev_design.paper.rigs import random_rigs
 from maglev_design.paper.simulated import simulated_claims
 from maglev_design.paper.survey import survey
 from maglev_design.paper.theory import theory_claims
-from maglev_design.parameters import Rig, load_rig
 from maglev_design.record import rig_as_data
 from maglev_design.report.claims_text import details, markdown, summary_rows, tally
+from maglev_design.rig import Rig, load_rig
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,6 @@ from maglev_design.options import METHODS, SCHEMA_VERSION, Equilibrium
 from maglev_design.paper.comparison import Comparison, Progress, compare
 from maglev_design.paper.survey import orderings, survey
 from maglev_design.paper.trials import Reading, contenders
-from maglev_design.parameters import Emulator, Rig, load_rig
 from maglev_design.record import load, rig_as_data
 from maglev_design.report.comparison_text import (
     guesses,
@@ -27,6 +26,7 @@ from maglev_design.report.comparison_text import (
     ordering_table,
     result_tables,
 )
+from maglev_design.rig import Emulator, Rig, load_rig
 from maglev_design.tune import TuneResult, build_problem, solve
 
 

@@ -16,7 +16,7 @@ from maglev_design.design import PoleSpec, believed_equilibrium, check_path_volt
 from maglev_design.errors import InfeasibleError, InputError
 from maglev_design.files import output_folder
 from maglev_design.options import Controller, ControllerName, Equilibrium, Method, Scenarios
-from maglev_design.parameters import Rig, load_rig
+from maglev_design.rig import Rig, load_rig
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from maglev_design.design import Design
 from maglev_design.design_data import design_from_data
 from maglev_design.errors import InputError
 from maglev_design.files import read_document
-from maglev_design.parameters import Rig
 from maglev_design.record import rig_from_data
+from maglev_design.rig import Rig
 from maglev_design.simulate import Response, Scenario, total_variation
 
 TOLERANCE = 1e-10

@@ -20,16 +20,10 @@ from maglev_design.design import (
     voltage_on_plant,
 )
 from maglev_design.errors import InputError
-from maglev_design.options import (
-    DEFAULT_PRESET,
-    ControllerName,
-    Equilibrium,
-    Method,
-    TestName,
-)
+from maglev_design.options import DEFAULT_PRESET, ControllerName, Equilibrium, Method, TestName
 from maglev_design.paper.trials import TRIALS, Trial
-from maglev_design.parameters import Emulator, Rig, load_rig, make_rig
 from maglev_design.programs import gains_program
+from maglev_design.rig import Emulator, Rig, load_rig, make_rig
 from maglev_design.simulate import Scenario, emulated
 
 RATIOS = (0.01, 20.0)

@@ -23,8 +23,8 @@ from maglev_design.options import (
     Equilibrium,
     Method,
 )
-from maglev_design.parameters import DRAWN, Rig, load_rig
 from maglev_design.record import DesignRecord, load
+from maglev_design.rig import DRAWN, Rig, load_rig
 from maglev_design.simulate import cores
 
 INTERRUPTED = 130

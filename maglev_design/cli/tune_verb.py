@@ -8,23 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from maglev_design.cli.emulated_text import (
-    emulated_headline,
-    emulated_warnings,
-    print_emulated,
-)
-from maglev_design.cli.output import (
-    number,
-    print_json,
-    progress_bar,
-    say,
-    table,
-    warn,
-)
+from maglev_design.cli.emulated_text import emulated_headline, emulated_warnings, print_emulated
+from maglev_design.cli.output import number, print_json, progress_bar, say, table, warn
 from maglev_design.errors import InfeasibleError
 from maglev_design.files import output_folder
 from maglev_design.options import METHODS, TAN_GPI, Equilibrium, Method, Scenarios
-from maglev_design.parameters import Rig, is_papers, load_rig
+from maglev_design.rig import Rig, is_papers, load_rig
 
 if TYPE_CHECKING:
     from maglev_design.record import DesignRecord

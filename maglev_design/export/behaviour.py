@@ -10,11 +10,11 @@ from typing import Any
 
 from maglev_design.errors import VerificationError
 from maglev_design.export.classes import wrong_answers
-from maglev_design.export.controller import Controller
-from maglev_design.export.loops import FaultCase, NewDevice, Run, close, fault_cases, fly
+from maglev_design.export.controller import ExportedController
+from maglev_design.export.loops import ExportedRun, FaultCase, NewDevice, close, fault_cases, fly
 from maglev_design.export.native import compilers, load_library
 from maglev_design.export.verdict import Check
-from maglev_design.parameters import MOST_DELAYED_PERIODS, make_rig
+from maglev_design.rig import MOST_DELAYED_PERIODS, make_rig
 from maglev_design.simulate import loop_for, nominal_scenario, simulate
 
 NEARLY = 0.9
@@ -38,7 +38,7 @@ RETURN, SHARE = 1e-6, 0.05
 share of the largest error without faults where that is more."""
 
 
-def classes_of_arguments(controller: Controller, new: NewDevice) -> Check:
+def classes_of_arguments(controller: ExportedController, new: NewDevice) -> Check:
     """Try every class of argument in every state; see :mod:`maglev_design.export.classes`."""
     wrong, answers = wrong_answers(controller, new, exact=True)
     return Check.below("nan, infinities, edges", wrong, 0, "answers", f"of {answers}")
@@ -66,7 +66,7 @@ def interleaved(new: NewDevice, work: Path) -> Check:
     return Check.below("two controllers in turns", wrong, 0, "voltages", note)
 
 
-def closed_loops(controller: Controller, new: NewDevice, report: Progress) -> list[Check]:
+def closed_loops(controller: ExportedController, new: NewDevice, report: Progress) -> list[Check]:
     """Run the paper's tests and the faults with the exported controller."""
     record = controller.record
     beta = record.design.believed.beta
@@ -81,7 +81,7 @@ def closed_loops(controller: Controller, new: NewDevice, report: Progress) -> li
     loop = loop_for(record.rig, record.design)
     for n, (name, scenario) in enumerate(tests):
         report(f"closed loop: {name}", 0.3 + 0.05 * n)
-        found = close(controller, Run(new()), scenario)
+        found = close(controller, ExportedRun(new()), scenario)
         told = simulate(loop, record.design, scenario).metrics
         checks.append(_compared(f"closed loop, {name}", found, told))
         if n == 0:
@@ -95,7 +95,7 @@ def closed_loops(controller: Controller, new: NewDevice, report: Progress) -> li
                     f"{found.itae:.6g} m s^2",
                 )
             )
-    quiet = Run(new())
+    quiet = ExportedRun(new())
     fly(controller, quiet)
     for n, case in enumerate(fault_cases(controller, len(quiet.gaps))):
         report(f"faults: {case.name}", 0.55 + 0.05 * n)
@@ -119,16 +119,16 @@ def _compared(name: str, found: Any, told: Any) -> Check:
 
 
 def _fault(
-    controller: Controller,
+    controller: ExportedController,
     new: NewDevice,
     case: FaultCase,
-    quiet: Run,
+    quiet: ExportedRun,
 ) -> Check:
     """Run with a fault; the ball must be held and come back to where it is without."""
-    run = Run(new(), case.fault, case.late)
+    run = ExportedRun(new(), case.fault, case.late)
     lost = fly(controller, run, case.ratio)
     if case.ratio != 1.0:
-        quiet = Run(new())
+        quiet = ExportedRun(new())
         fly(controller, quiet, case.ratio)
     radius = controller.record.document["worst_case"]["spectral_radius_one_more_sample"]
     promised = not case.delays or (radius is not None and radius < 1)
@@ -145,7 +145,12 @@ def _fault(
 
 
 def longest_delay(
-    controller: Controller, new: NewDevice, delay: float, gap: float, beta: float, offset: float
+    controller: ExportedController,
+    new: NewDevice,
+    delay: float,
+    gap: float,
+    beta: float,
+    offset: float,
 ) -> Check:
     """Run with nearly so much further delay on one plant, at rest at a gap: errors die out."""
     record = controller.record
@@ -158,7 +163,7 @@ def longest_delay(
     ends = {"start_time": 0.0, "end_time": period, "horizon": SETTLING * period}
     data["reference"] = {"start_gap": gap, "end_gap": gap} | ends
     moved = replace(record, rig=make_rig(data, "verify"))
-    run = Run(new())
+    run = ExportedRun(new())
     lost = fly(replace(controller, record=moved), run, beta=beta)
     left = max(abs(error) for error in run.errors[-SETTLING // 4 :]) / (NUDGE * gap)
     name = f"{NEARLY:.0%} of the longest delay, worst case"
@@ -167,7 +172,7 @@ def longest_delay(
     return Check.below(name, math.inf if lost else left, 0.5, "-", note)
 
 
-def _dead_sensor(controller: Controller, new: NewDevice) -> Check:
+def _dead_sensor(controller: ExportedController, new: NewDevice) -> Check:
     """Lose the sensor for good: the coil must be switched off in time and stay so."""
     rest = controller.record.rig.reference.start_gap
     device, low = new(), controller.numbers["u_min"]
@@ -179,7 +184,7 @@ def _dead_sensor(controller: Controller, new: NewDevice) -> Check:
     return Check.below(name, after, controller.hold_samples, "samples")
 
 
-def single_precision(controller: Controller, new: NewDevice, work: Path) -> list[Check]:
+def single_precision(controller: ExportedController, new: NewDevice, work: Path) -> list[Check]:
     """Compare single precision with double, on the vectors and in closed loop."""
     compiler, n = compilers()[0], controller.numbers
     try:
@@ -187,7 +192,7 @@ def single_precision(controller: Controller, new: NewDevice, work: Path) -> list
     except VerificationError as error:
         return [Check("single precision compiles", False, 1, 0, note=str(error))]
     wrong, answers = wrong_answers(controller, library.controller, exact=False)
-    runs = Run(new()), Run(library.controller())
+    runs = ExportedRun(new()), ExportedRun(library.controller())
     crashed = [fly(controller, run) for run in runs]
     double, single = runs
     lost = crashed[1] and not crashed[0]

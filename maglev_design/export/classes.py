@@ -7,14 +7,14 @@ import math
 import struct
 from collections.abc import Iterator
 
-from maglev_design.export.controller import Controller
+from maglev_design.export.controller import ExportedController
 from maglev_design.export.loops import NewDevice
 from maglev_design.export.vectors import Recorder
 
 Sample = tuple[float, float, float]
 
 
-def class_samples(controller: Controller) -> Iterator[Sample]:
+def class_samples(controller: ExportedController) -> Iterator[Sample]:
     """Yield one sample of every combination of classes of the three arguments."""
     n, rest = controller.numbers, controller.record.rig.reference.start_gap
     nan, inf = math.nan, math.inf
@@ -37,7 +37,9 @@ def single(value: float) -> float:
         return math.copysign(math.inf, value)
 
 
-def wrong_answers(controller: Controller, new: NewDevice, *, exact: bool) -> tuple[int, int]:
+def wrong_answers(
+    controller: ExportedController, new: NewDevice, *, exact: bool
+) -> tuple[int, int]:
     """Return (answers that break the rule, answers) over all classes, fresh and running.
 
     Every sample meets a new controller and one that runs; then a good sample must be answered as

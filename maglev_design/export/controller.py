@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 from maglev_design import design as designs
 from maglev_design.errors import InputError
 from maglev_design.lowering import Program
-from maglev_design.options import Controller as Law
-from maglev_design.parameters import LONGEST_GAP, MOST_SAMPLES, Emulator, Rig
+from maglev_design.options import Controller
 from maglev_design.programs import (
     acceleration_program,
     bumpless_program,
@@ -21,6 +20,7 @@ from maglev_design.programs import (
     step_program,
 )
 from maglev_design.record import DesignRecord
+from maglev_design.rig import LONGEST_GAP, MOST_SAMPLES, Emulator, Rig
 from maglev_design.simulate import emulated, loop_for, nominal_scenario, simulate
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ class Constant:
 
 
 @dataclass(frozen=True)
-class Controller:
+class ExportedController:
     """One saved design, ready to be printed.
 
     Attributes
@@ -132,7 +132,7 @@ class Controller:
         return {c.name: c.value for c in (*self.law_constants, *self.guard_constants)}
 
 
-def controller_of(record: DesignRecord, prefix: str) -> Controller:
+def controller_of(record: DesignRecord, prefix: str) -> ExportedController:
     """Return the controller of a record.
 
     Raises
@@ -164,7 +164,7 @@ def controller_of(record: DesignRecord, prefix: str) -> Controller:
             raise InputError(f"design: {name} = {value!r} is not a finite number; tune again")
     guards = _guards(rig)
     reach = guards["gap_high"].value - guards["gap_low"].value
-    return Controller(
+    return ExportedController(
         record=record,
         prefix=prefix,
         step=step_program(design.method, design.controller),
@@ -187,7 +187,7 @@ def controller_of(record: DesignRecord, prefix: str) -> Controller:
     )
 
 
-def _check_law(law: Law) -> None:
+def _check_law(law: Controller) -> None:
     """Raise `InputError` for a law that the targets have no words for."""
     if law.name == "tan-gpi" or (law.name == "lin-pid" and law.derivative != "measurement"):
         if law.start == "kick":

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from maglev_design.errors import VerificationError
-from maglev_design.export.controller import Controller
+from maglev_design.export.controller import ExportedController
 from maglev_design.export.cross import (
     CROSS_COMPILER,
     EMULATOR,
@@ -86,7 +86,7 @@ class Measured:
     pid_most: int
 
 
-def on_cortex_m4(controller: Controller, compiler: str, work: Path) -> Part:
+def on_cortex_m4(controller: ExportedController, compiler: str, work: Path) -> Part:
     """Check and measure both precisions; `compiler` is the host's."""
     missing = [tool for tool in (CROSS_COMPILER, EMULATOR) if shutil.which(tool) is None]
     if missing:
@@ -103,7 +103,7 @@ def on_cortex_m4(controller: Controller, compiler: str, work: Path) -> Part:
     return Part(tuple(checks))
 
 
-def write_sources(controller: Controller, work: Path) -> None:
+def write_sources(controller: ExportedController, work: Path) -> None:
     """Write the replay, the yardstick and what starts the processor beside the controller."""
     numbers = {name: repr(value) for name, value in plain_pid(controller.numbers).items()}
     context = {
@@ -133,7 +133,9 @@ def plain_pid(numbers: Mapping[str, float]) -> dict[str, float]:
     }
 
 
-def _precision(controller: Controller, compiler: str, work: Path, precision: str) -> list[Check]:
+def _precision(
+    controller: ExportedController, compiler: str, work: Path, precision: str
+) -> list[Check]:
     """Return the checks of one precision: the answers, then what they cost."""
     place = work / f"cortex_m4_{precision}"
     place.mkdir()

@@ -7,15 +7,21 @@ from dataclasses import replace
 from statistics import median
 
 from maglev_design.export.behaviour import Progress
-from maglev_design.export.controller import EMULATED_SEEDS, Controller, emulated_at_own_period
-from maglev_design.export.loops import NewDevice, Run, Surroundings, fly
+from maglev_design.export.controller import (
+    EMULATED_SEEDS,
+    ExportedController,
+    emulated_at_own_period,
+)
+from maglev_design.export.loops import ExportedRun, NewDevice, Surroundings, fly
 from maglev_design.export.verdict import Check
-from maglev_design.parameters import Rig
+from maglev_design.rig import Rig
 from maglev_design.simulate import nominal_scenario
 from maglev_design.simulate.scenario import noise_samples
 
 
-def on_the_emulated_rig(controller: Controller, new: NewDevice, report: Progress) -> list[Check]:
+def on_the_emulated_rig(
+    controller: ExportedController, new: NewDevice, report: Progress
+) -> list[Check]:
     """Run a controller on the plant that ``[emulator]`` describes; none where it has no effects.
 
     At the period of the design, whatever the emulator's is. The plant is the nominal one.
@@ -33,7 +39,7 @@ def on_the_emulated_rig(controller: Controller, new: NewDevice, report: Progress
     return [Check.below("emulated rig: ball lost", lost, 0, "seeds", note)]
 
 
-def emulated_run(controller: Controller, new: NewDevice, rig: Rig, seed: int) -> float:
+def emulated_run(controller: ExportedController, new: NewDevice, rig: Rig, seed: int) -> float:
     """Return the ITAE at the samples of one run [m s^2]; infinite where the ball is lost."""
     effects, period = rig.emulator, rig.sampling.period
     low, high = rig.limits.voltage
@@ -48,7 +54,7 @@ def emulated_run(controller: Controller, new: NewDevice, rig: Rig, seed: int) ->
         return min(max(rounded(voltage, effects.actuator_step), low), high)
 
     around = Surroundings(effects.time_constant, drive, noise[0].tolist())
-    run = Run(new(), measured)
+    run = ExportedRun(new(), measured)
     emulated = replace(controller, record=replace(controller.record, rig=rig))
     if fly(emulated, run, around=around):
         return math.inf

@@ -11,7 +11,7 @@ from typing import Any
 
 from maglev_design import __version__
 from maglev_design.errors import InputError
-from maglev_design.export.controller import Controller, controller_of, promise
+from maglev_design.export.controller import ExportedController, controller_of, promise
 from maglev_design.export.printing import TEMPLATES, printed
 from maglev_design.export.text import checked_prefix
 from maglev_design.export.vectors import record_vectors
@@ -79,7 +79,7 @@ def export_folder(
     return Export(folder, {name: sha256(data) for name, data in content.items()}, found)
 
 
-def files_of(controller: Controller, target: Target) -> dict[str, bytes]:
+def files_of(controller: ExportedController, target: Target) -> dict[str, bytes]:
     """Return the content of every file of an export by its name, the manifest last."""
     vectors, rows = record_vectors(controller)
     content = printed(controller, target, rows)
@@ -100,7 +100,7 @@ def manifest_digest(document: Mapping[str, Any]) -> str:
     return sha256(json.dumps(body, sort_keys=True, separators=(",", ":")).encode())
 
 
-def _manifest(controller: Controller, target: Target, files: Mapping[str, bytes]) -> bytes:
+def _manifest(controller: ExportedController, target: Target, files: Mapping[str, bytes]) -> bytes:
     document = controller.record.document
     body = {
         "schema_version": SCHEMA_VERSION,

@@ -26,7 +26,7 @@ SLOWEST = 1e-3
 
 
 @dataclass(frozen=True)
-class Plant:
+class PlantAtRest:
     """A plant at rest at a gap: g [m/s^2], beta [m^3/(s^2 V^2)], y0 [m] and the gap [m]."""
 
     gravity: float
@@ -49,11 +49,11 @@ class Plant:
 
 
 @dataclass(frozen=True)
-class SampledLoop:
+class ExportedLoop:
     """The coefficients of a step around one plant, at a period and a delay [s]."""
 
     coefficients: Mapping[str, float]
-    plant: Plant
+    plant: PlantAtRest
     period: float
     delay: float
 

@@ -11,10 +11,10 @@ from typing import Protocol
 import numpy as np
 
 from maglev_design import design as designs
-from maglev_design.export.controller import Controller
+from maglev_design.export.controller import ExportedController
 from maglev_design.simulate import Scenario, resimulate
 from maglev_design.simulate.grid import contact_gap
-from maglev_design.simulate.independent import Check
+from maglev_design.simulate.independent import IndependentMetrics
 from maglev_design.simulate.scenario import held_voltage
 
 PIECES = 2
@@ -47,7 +47,7 @@ Fault = Callable[[int, float, float], float]
 
 
 @dataclass
-class Run:
+class ExportedRun:
     """One closed loop with an exported controller.
 
     Attributes
@@ -85,7 +85,9 @@ class Run:
         return self.device.commanded, applied
 
 
-def close(controller: Controller, run: Run, scenario: Scenario) -> Check:
+def close(
+    controller: ExportedController, run: ExportedRun, scenario: Scenario
+) -> IndependentMetrics:
     """Run one closed loop over the rig's horizon and return its metrics, to nine digits."""
     record = controller.record
     return resimulate(record.rig, record.design, scenario, run)
@@ -111,8 +113,8 @@ class Surroundings:
 
 
 def fly(
-    controller: Controller,
-    run: Run,
+    controller: ExportedController,
+    run: ExportedRun,
     ratio: float = 1.0,
     *,
     beta: float | None = None,
@@ -207,7 +209,7 @@ class FaultCase:
     delays: bool = False
 
 
-def fault_cases(controller: Controller, samples: int) -> Sequence[FaultCase]:
+def fault_cases(controller: ExportedController, samples: int) -> Sequence[FaultCase]:
     """Return the faults that a run is tried with, deterministic and spread over the path."""
     burst = max(1, controller.hold_samples // 8)
     where = range(samples // 20, 3 * samples // 4, max(1, samples // 14))

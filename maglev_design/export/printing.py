@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from maglev_design import __version__
-from maglev_design.export.controller import OUTPUTS, SIGNALS, STATES, Controller
+from maglev_design.export.controller import OUTPUTS, SIGNALS, STATES, ExportedController
 from maglev_design.export.misra import DEVIATIONS
 from maglev_design.export.native import CORTEX_M4
 from maglev_design.export.text import plain, wrapped
 from maglev_design.lowering import Program
-from maglev_design.options import Controller as Law
-from maglev_design.options import Target
+from maglev_design.options import Controller, Target
 
 TEMPLATES = {
     "c": ("header.h", "source.c", "example.c", "check.c", "proof.c"),
@@ -38,7 +37,7 @@ EXAMPLE_ROWS = 70
 """Rows that an example prints, about."""
 
 
-def printed(controller: Controller, target: Target, rows: int) -> dict[str, bytes]:
+def printed(controller: ExportedController, target: Target, rows: int) -> dict[str, bytes]:
     """Return the sources and the README of an export whose vectors have so many `rows`."""
     context = _context(controller, target, rows)
     files = {
@@ -55,7 +54,7 @@ def _file_name(template: str, prefix: str, target: Target) -> str:
     return f"{prefix}_{template}" if target == "matlab" else template
 
 
-def _context(controller: Controller, target: Target, rows: int) -> dict[str, Any]:
+def _context(controller: ExportedController, target: Target, rows: int) -> dict[str, Any]:
     record = controller.record
     rig, document, design = record.rig, record.document, record.design
     path, worst = rig.reference, document["worst_case"]
@@ -135,7 +134,7 @@ def _context(controller: Controller, target: Target, rows: int) -> dict[str, Any
     }
 
 
-def _assumptions(controller: Controller) -> list[str]:
+def _assumptions(controller: ExportedController) -> list[str]:
     """Return under what every number of the README holds, in sentences."""
     record = controller.record
     rig, family, design = record.rig, record.document["family"], record.design
@@ -173,7 +172,7 @@ def _assumptions(controller: Controller) -> list[str]:
     ]
 
 
-def law_in_words(controller: Law) -> str:
+def law_in_words(controller: Controller) -> str:
     """Return a law's name, with what differs from its default."""
     return controller.name.upper() + (f" ({controller.variant})" if controller.variant else "")
 
@@ -190,7 +189,7 @@ def _literal(value: float, target: Target, source: str) -> str:
     return f"-{digits}" if value < 0 else digits
 
 
-def _banner(controller: Controller, style: str) -> str:
+def _banner(controller: ExportedController, style: str) -> str:
     """Return the head of a file as comment lines."""
     mark = " *" if style == "c" else style
     rig = plain(controller.record.rig.name)
@@ -205,7 +204,7 @@ def _banner(controller: Controller, style: str) -> str:
     return "\n".join(wrapped(line, f"{mark} ", f"{mark}   ") for line in lines)
 
 
-def _rows(controller: Controller) -> list[tuple[str, str, str, str]]:
+def _rows(controller: ExportedController) -> list[tuple[str, str, str, str]]:
     """Return (letter, value, unit, meaning) of everything that the law reads or gives."""
     tables: Sequence[Mapping[str, tuple[str, str]]] = (SIGNALS, STATES, OUTPUTS)
     rows = [(name, "", *entry) for table in tables for name, entry in table.items()]
@@ -213,7 +212,7 @@ def _rows(controller: Controller) -> list[tuple[str, str, str, str]]:
     return rows + [(c.name, repr(c.value), c.unit, c.meaning) for c in constants]
 
 
-def _symbols(controller: Controller, target: Target) -> str:
+def _symbols(controller: ExportedController, target: Target) -> str:
     """Return the symbol table as comment lines."""
     mark = {"c": " *", "python": "#", "matlab": "%"}[target]
     lines = [f"{'symbol':<10} {'value':<23} {'unit':<9} meaning"]
@@ -221,14 +220,14 @@ def _symbols(controller: Controller, target: Target) -> str:
     return "\n".join(f"{mark} {line}" for line in lines)
 
 
-def _symbol_table(controller: Controller) -> str:
+def _symbol_table(controller: ExportedController) -> str:
     """Return the symbol table in markdown."""
     lines = ["| symbol | value | unit | meaning |", "|---|---|---|---|"]
     lines += [f"| `{a}` | {b} | {c} | {d} |" for a, b, c, d in _rows(controller)]
     return "\n".join(lines)
 
 
-def _equations(controller: Controller) -> str:
+def _equations(controller: ExportedController) -> str:
     """Return the symbolic difference equation, state by state."""
     equation = controller.equation
     states = [f"{x.name}_next" for x in equation.law.states]
@@ -238,7 +237,7 @@ def _equations(controller: Controller) -> str:
     return "\n".join(wrap.fill(line) for line in lines)
 
 
-def _declared(controller: Controller, program: Program, target: Target, indent: int) -> str:
+def _declared(controller: ExportedController, program: Program, target: Target, indent: int) -> str:
     """Return the constants that a program reads and, in C, declarations of its outputs."""
     known = {
         c.name: c

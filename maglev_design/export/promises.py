@@ -19,9 +19,9 @@ from maglev_design import design as designs
 from maglev_design.design_data import design_as_data
 from maglev_design.errors import InputError
 from maglev_design.export.behaviour import Progress, apart, longest_delay
-from maglev_design.export.controller import Controller
-from maglev_design.export.linear import Plant, SampledLoop
-from maglev_design.export.loops import NewDevice, Run, close
+from maglev_design.export.controller import ExportedController
+from maglev_design.export.linear import ExportedLoop, PlantAtRest
+from maglev_design.export.loops import ExportedRun, NewDevice, close
 from maglev_design.export.verdict import Check
 from maglev_design.record import DesignRecord
 from maglev_design.simulate import (
@@ -48,7 +48,7 @@ CONSISTENT = 1e-9
 
 
 @dataclass(frozen=True)
-class Trial:
+class FamilyTrial:
     """One plant of the family and one way to run: beta_c/beta at the rig's y0, the rest fixed."""
 
     ratio: float
@@ -58,10 +58,10 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Subject:
+class PromiseSubject:
     """The exported controller and the plants that its promises speak of."""
 
-    controller: Controller
+    controller: ExportedController
 
     @property
     def document(self) -> dict[str, Any]:
@@ -105,7 +105,7 @@ class Subject:
         """Return a plant's beta [m^3/(s^2 V^2)]."""
         return self.controller.record.design.believed.beta / self.ratio_of(ratio, gap_offset)
 
-    def scenario(self, trial: Trial) -> Scenario:
+    def scenario(self, trial: FamilyTrial) -> Scenario:
         """Return the closed loop of a trial."""
         rig = self.controller.record.rig
         scenario = nominal_scenario(rig, self.beta(trial.ratio, trial.gap_offset))
@@ -117,22 +117,22 @@ class Subject:
             return scenario
         return replace(scenario, noise=True, seed=self.document["seed"], index=trial.index)
 
-    def ways(self) -> Iterator[Trial]:
+    def ways(self) -> Iterator[FamilyTrial]:
         """Yield the ways to run, each on the plant of ratio 1."""
         for offset in self.gap_offsets:
-            yield Trial(1.0, offset)
+            yield FamilyTrial(1.0, offset)
             if self.document["scenarios"] == "robust":
-                yield Trial(1.0, offset, flipped=True)
+                yield FamilyTrial(1.0, offset, flipped=True)
                 for n in range(NOISE_SEEDS):
-                    yield Trial(1.0, offset, bool(n % 2), n)
+                    yield FamilyTrial(1.0, offset, bool(n % 2), n)
 
     def linear(
         self, gap: float, ratio: float, gap_offset: float, more_delay: float = 0.0
-    ) -> SampledLoop:
+    ) -> ExportedLoop:
         """Return the linearised loop at a gap, with some more delay [s]."""
         rig, k = self.controller.record.rig, self.document["difference_equation"]
-        plant = Plant(rig.plant.gravity, self.beta(ratio, gap_offset), gap_offset, gap)
-        return SampledLoop(k, plant, k["period"], rig.sampling.delay + more_delay)
+        plant = PlantAtRest(rig.plant.gravity, self.beta(ratio, gap_offset), gap_offset, gap)
+        return ExportedLoop(k, plant, k["period"], rig.sampling.delay + more_delay)
 
     def corners(self) -> Sequence[tuple[float, float, float]]:
         """Return (gap, ratio, y0) at the ends of the family, each once."""
@@ -140,9 +140,9 @@ class Subject:
         return list(dict.fromkeys(itertools.product(gaps, self.ratios, self.gap_offsets)))
 
 
-def promises(controller: Controller, new: NewDevice, report: Progress) -> list[Check]:
+def promises(controller: ExportedController, new: NewDevice, report: Progress) -> list[Check]:
     """Return one check for each figure that a design promises of its family."""
-    subject = Subject(controller)
+    subject = PromiseSubject(controller)
     checks = [one_controller(subject), believed_plant(subject), covered(subject)]
     if not checks[0].passed:
         return checks
@@ -157,7 +157,7 @@ def promises(controller: Controller, new: NewDevice, report: Progress) -> list[C
     return [*checks, *certificate(controller)]
 
 
-def one_controller(subject: Subject) -> Check:
+def one_controller(subject: PromiseSubject) -> Check:
     """Compare the controller's name and numbers wherever the record states them."""
     record, document = subject.controller.record, subject.document
     design, numbers = record.design, subject.controller.numbers
@@ -181,7 +181,7 @@ def one_controller(subject: Subject) -> Check:
     return Check.below("one controller in every place", len(wrong), 0, "places", note)
 
 
-def believed_plant(subject: Subject) -> Check:
+def believed_plant(subject: PromiseSubject) -> Check:
     """Compare beta_c, from which ratios count, with what U and Y or the rig's K, C, m imply."""
     rig, design = subject.controller.record.rig, subject.controller.record.design
     z = design.Y + rig.plant.gap_offset
@@ -191,7 +191,7 @@ def believed_plant(subject: Subject) -> Check:
     return Check.below("beta_c is that of U and Y, or of K, C and m", off, CONSISTENT)
 
 
-def covered(subject: Subject) -> Check:
+def covered(subject: PromiseSubject) -> Check:
     """Check that the family holds every gap of the path, the initial gap and Y, and ratio 1."""
     low, high = subject.document["family"]["gaps"]
     first, last = designs.path_gaps(subject.controller.record.rig, 2)[[0, -1]]
@@ -202,7 +202,7 @@ def covered(subject: Subject) -> Check:
     return Check.below("family covers path, initial gap and Y", value, 0, "um", note)
 
 
-def worst_case(subject: Subject, new: NewDevice) -> list[Check]:
+def worst_case(subject: PromiseSubject, new: NewDevice) -> list[Check]:
     """Return the worst objective and the extremes of the command over the family."""
     document, key = subject.document, subject.document["objective"]
     ratios = np.unique(np.linspace(*subject.ratios, RATIOS))
@@ -210,7 +210,7 @@ def worst_case(subject: Subject, new: NewDevice) -> list[Check]:
     runs = _runs(subject, trials)
     top = max(range(len(trials)), key=lambda n: getattr(runs[n], key))
     trial, worst = _refined(subject, trials[top], runs[top], ratios, key)
-    device = Run(new())
+    device = ExportedRun(new())
     found = close(subject.controller, device, subject.scenario(trial))
     told = document["worst_case"]
     values = (getattr(found, key), getattr(worst, key))
@@ -236,7 +236,7 @@ def _voltage(which: str, found: float, told: float) -> Check:
     return Check.below(f"promised {which} voltage", apart(found, told), SAME, "-", note)
 
 
-def _runs(subject: Subject, trials: Sequence[Trial]) -> list[Metrics]:
+def _runs(subject: PromiseSubject, trials: Sequence[FamilyTrial]) -> list[Metrics]:
     exported = subject.exported
     loop = loop_for(subject.controller.record.rig, exported)
     scenarios = [subject.scenario(trial) for trial in trials]
@@ -244,8 +244,8 @@ def _runs(subject: Subject, trials: Sequence[Trial]) -> list[Metrics]:
 
 
 def _refined(
-    subject: Subject, trial: Trial, metrics: Metrics, ratios: Any, key: str
-) -> tuple[Trial, Metrics]:
+    subject: PromiseSubject, trial: FamilyTrial, metrics: Metrics, ratios: Any, key: str
+) -> tuple[FamilyTrial, Metrics]:
     """Return the worst ratio around the worst of the scan, and its run."""
     at = int(np.searchsorted(ratios, trial.ratio))
     if not 0 < at < len(ratios) - 1:
@@ -262,7 +262,7 @@ def _refined(
     return better, _runs(subject, [better])[0]
 
 
-def peak_sensitivity(subject: Subject, more_samples: int) -> Check:
+def peak_sensitivity(subject: PromiseSubject, more_samples: int) -> Check:
     """Return the largest |S| over gaps, ratios and y0, with whole samples of delay added."""
     name, key = "promised Ms", "ms"
     if more_samples:
@@ -291,7 +291,7 @@ def peak_sensitivity(subject: Subject, more_samples: int) -> Check:
     return Check.below(name, apart(found, told), SAME, "-", note)
 
 
-def delays(subject: Subject, new: NewDevice) -> list[Check]:
+def delays(subject: PromiseSubject, new: NewDevice) -> list[Check]:
     """Return the longest delay of the linear loops, and the nonlinear loop with nearly as much.
 
     At every corner of the family and at the point that the record names.
@@ -315,7 +315,7 @@ def delays(subject: Subject, new: NewDevice) -> list[Check]:
     return [linear, replace(worst, note=f"{worst.note}; worst of {len(runs)} corners")]
 
 
-def certificate(controller: Controller) -> list[Check]:
+def certificate(controller: ExportedController) -> list[Check]:
     """Return the check of a record's certificate; none where it claims none."""
     told = controller.record.document.get("certificate")
     if not isinstance(told, dict) or told.get("certified") is not True:

@@ -12,8 +12,8 @@ import numpy as np
 
 from maglev_design import design as designs
 from maglev_design.errors import VerificationError
-from maglev_design.export.controller import LARGEST_ACCELERATION, Controller
-from maglev_design.parameters import Rig, make_rig
+from maglev_design.export.controller import LARGEST_ACCELERATION, ExportedController
+from maglev_design.rig import Rig, make_rig
 from maglev_design.simulate import Response, Scenario, loop_for, nominal_scenario, simulate
 from maglev_design.simulate.scenario import noise_samples
 
@@ -34,7 +34,7 @@ class Recorder:
     once more, apart from the templates.
     """
 
-    controller: Controller
+    controller: ExportedController
     lines: list[str] = field(default_factory=list)
     rows: int = 0
     states: tuple[float, ...] = ()
@@ -89,7 +89,7 @@ class Recorder:
         return self.commanded, self.voltage
 
 
-def record_vectors(controller: Controller) -> tuple[str, int]:
+def record_vectors(controller: ExportedController) -> tuple[str, int]:
     """Return the text of ``vectors.csv`` and its number of steps.
 
     Raises
@@ -173,7 +173,7 @@ def _inputs(
     ]
 
 
-def _saturating(controller: Controller, rig: Rig, beta: float, sign: float) -> Scenario:
+def _saturating(controller: ExportedController, rig: Rig, beta: float, sign: float) -> Scenario:
     """Return a start from which the command goes beyond one end of the voltage range."""
     n = controller.numbers
     error = sign * BEYOND * (n["u_max"] - n["u_min"]) / abs(n["d"])

@@ -20,7 +20,7 @@ from maglev_design.export.behaviour import (
     interleaved,
     single_precision,
 )
-from maglev_design.export.controller import Controller, controller_of
+from maglev_design.export.controller import ExportedController, controller_of
 from maglev_design.export.cortex import on_cortex_m4
 from maglev_design.export.emulation import on_the_emulated_rig
 from maglev_design.export.folder import manifest_digest, read_manifest, sha256
@@ -97,7 +97,7 @@ def _whole(folder: Path, manifest: dict[str, Any]) -> Check:
     return Check.below("every file as it was exported", len(bad), 0, "files", note)
 
 
-def _name(controller: Controller, manifest: dict[str, Any]) -> Check:
+def _name(controller: ExportedController, manifest: dict[str, Any]) -> Check:
     """Compare the controller and the constants that the manifest names with ``design.json``."""
     constants = (*controller.law_constants, *controller.guard_constants)
     told = {name: x["value"] for name, x in manifest["constants"].items()}
@@ -108,7 +108,7 @@ def _name(controller: Controller, manifest: dict[str, Any]) -> Check:
     return Check.below("manifest names this controller", len(wrong), 0, "entries", note)
 
 
-def _recorded(controller: Controller, work: Path) -> Check:
+def _recorded(controller: ExportedController, work: Path) -> Check:
     """Record the vectors anew from the simulation and compare them line by line."""
     fresh, _ = record_vectors(controller)
     stored = (work / "vectors.csv").read_text("ascii").splitlines()
@@ -128,7 +128,7 @@ def _replayed(name: str, command: list[str], work: Path) -> Check:
     return Check(name, passed, int(words[3]), 0, "rows", f"of {words[1]}")
 
 
-def _c(controller: Controller, work: Path) -> Part:
+def _c(controller: ExportedController, work: Path) -> Part:
     """Build and run the C, here and on a Cortex-M4, while the tools that only read it do so."""
     prefix = controller.prefix
     with ThreadPoolExecutor(2) as pool:
@@ -224,7 +224,7 @@ def _example(name: str, command: list[str], work: Path, said: str = "") -> Check
     return Check(title, held, 0 if held else 1, 0, "lost", lines[-1] if lines else done.stderr[:60])
 
 
-def _python(controller: Controller, work: Path) -> Part:
+def _python(controller: ExportedController, work: Path) -> Part:
     """Run the exported check and example with this interpreter."""
     checks = (
         _replayed("vectors, Python", [sys.executable, "-B", "check.py"], work),
@@ -233,7 +233,7 @@ def _python(controller: Controller, work: Path) -> Part:
     return Part(checks, (), python_device(work / f"{controller.prefix}.py"))
 
 
-def _printed_python(controller: Controller, work: Path) -> Part:
+def _printed_python(controller: ExportedController, work: Path) -> Part:
     """Print the same design as Python and replay the folder's own vectors with it."""
     place = work / "as_python"
     place.mkdir()
@@ -253,7 +253,7 @@ def python_device(path: Path) -> NewDevice:
     return new
 
 
-def _matlab(controller: Controller, work: Path) -> Part:
+def _matlab(controller: ExportedController, work: Path) -> Part:
     """Run the exported scripts in Octave."""
     octave = shutil.which("octave-cli") or shutil.which("octave")
     if octave is None:

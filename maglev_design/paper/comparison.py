@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from maglev_design.certify.margins import Margins, sampled_margins
 from maglev_design.design import believed_equilibrium, plant_beta, voltage_on_plant
-from maglev_design.linear_loop import build_loop, family, peak_sensitivity, spectral_radius
+from maglev_design.family import family_of
+from maglev_design.linear_loop import build_loop, peak_sensitivity, spectral_radius
 from maglev_design.paper.trials import (
     EMULATION,
     INDICES,
@@ -28,7 +29,7 @@ from maglev_design.paper.trials import (
     rig_for,
     run_trial,
 )
-from maglev_design.parameters import Rig
+from maglev_design.rig import Rig
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -153,7 +154,7 @@ def loop_margins(rig: Rig, contender: Contender, reading: Reading) -> LoopMargin
     own, method = rig_for(rig, reading), reading.method
     if method is None:
         raise ValueError("a continuous controller has no sampled loop")
-    over = family(own)
+    over = family_of(own)
     poles = contender.poles.values
     believed = believed_equilibrium(
         own, reading.equilibrium, voltage=voltage_on_plant(own, plant_beta(own))

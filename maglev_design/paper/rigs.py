@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from maglev_design import design
-from maglev_design.parameters import Rig, make_rig
+from maglev_design.rig import Rig, make_rig
 
 HEADROOM = (1.5, 3.0)
 """The actuator's range over the largest voltage at rest on the way."""

@@ -28,7 +28,7 @@ from maglev_design.paper.trials import (
     NOMINAL,
     TRIALS,
 )
-from maglev_design.parameters import Rig
+from maglev_design.rig import Rig
 
 SMALL = 1.0e-6
 """[m] A neighbourhood of zero: a twelve-thousandth of the final gap."""

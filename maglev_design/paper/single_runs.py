@@ -28,7 +28,7 @@ from maglev_design.paper.trials import (
     rig_for,
     run_trial,
 )
-from maglev_design.parameters import Emulator, Rig
+from maglev_design.rig import Emulator, Rig
 from maglev_design.simulate import Scenario, build, simulate
 
 

@@ -24,7 +24,7 @@ from maglev_design.paper.trials import (
     figures,
     run_trial,
 )
-from maglev_design.parameters import Rig
+from maglev_design.rig import Rig
 
 Outcome = Literal["always", "depends", "never"]
 

@@ -16,7 +16,7 @@ from maglev_design.paper.theory_linear import cases
 from maglev_design.paper.theory_path import path_claims
 from maglev_design.paper.theory_plant import plant_claims
 from maglev_design.paper.theory_stability import stability_claims
-from maglev_design.parameters import Rig
+from maglev_design.rig import Rig
 
 
 def theory_claims(rig: Rig, rigs: Sequence[Rig]) -> tuple[Claim, ...]:

@@ -21,8 +21,8 @@ from maglev_design.lowering import lower
 from maglev_design.options import Equilibrium
 from maglev_design.paper.ledger import Verdict, judged
 from maglev_design.paper.rigs import random_poles
-from maglev_design.parameters import Rig
 from maglev_design.programs import gains_program
+from maglev_design.rig import Rig
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic import stability
 from maglev_design.symbolic.laws import tan_gpi

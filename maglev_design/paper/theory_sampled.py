@@ -6,10 +6,11 @@ import math
 from collections.abc import Callable
 
 from maglev_design.design import believed_equilibrium, plant_beta, voltage_on_plant
-from maglev_design.linear_loop import Family, build_loop, family, spectral_radius
+from maglev_design.family import Family, family_of
+from maglev_design.linear_loop import build_loop, spectral_radius
 from maglev_design.options import Equilibrium, Method
 from maglev_design.paper.theory_linear import Case
-from maglev_design.parameters import LONGEST_PERIOD, Rig, make_rig
+from maglev_design.rig import LONGEST_PERIOD, Rig, make_rig
 
 STRIDE = 1.1
 """Factor between the trials before the first unstable one is closed in on."""
@@ -37,7 +38,7 @@ def largest_period(case: Case, method: Method) -> float:
     def stable(period: float) -> bool:
         rig = with_period(case.rig, period, method)
         loop = build_loop(rig, believed_equilibrium(rig, "model"), method=method)
-        return spectral_radius(loop, poles, family(rig, beta_error=0.0)).value < 1
+        return spectral_radius(loop, poles, family_of(rig, beta_error=0.0)).value < 1
 
     return boundary(stable, case.rig.sampling.period, LONGEST_PERIOD)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from maglev_design.design import PAPER_POLES, PoleSpec, make_design, plant_beta, voltage_on_plant
 from maglev_design.options import TAN_GPI, Controller, Equilibrium, Method
-from maglev_design.parameters import Rig, make_rig
+from maglev_design.rig import Rig, make_rig
 from maglev_design.simulate import (
     LoopGraph,
     Response,

@@ -8,10 +8,10 @@ from typing import Any
 from maglev_design.record import DesignRecord
 from maglev_design.report.chapters_theory import RATIO
 from maglev_design.report.commands import design_command
-from maglev_design.report.content import Paragraph, Quantity, Runs, Section, Strong, Table
+from maglev_design.report.content import Chapter, Paragraph, Quantity, Runs, Strong, Table
 
 
-def emulated_chapter(record: DesignRecord) -> Section | None:
+def emulated_chapter(record: DesignRecord) -> Chapter | None:
     """Return what the design does on the emulated rig; None where the rig emulates nothing."""
     found, pair = record.document.get("emulated"), record.document["baseline"]
     if found is None:
@@ -45,7 +45,7 @@ def emulated_chapter(record: DesignRecord) -> Section | None:
         f", the controller was run {found['seeds']} times with noise. ",
         Strong(_verdict(found)),
     )
-    return Section("On the emulated rig", (Paragraph(told), table))
+    return Chapter("On the emulated rig", (Paragraph(told), table))
 
 
 LOST = "On the rig that the file describes the ball is lost: no other figure of this report holds."

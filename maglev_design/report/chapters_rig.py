@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from typing import Any
 
 from maglev_design.options import Equilibrium
-from maglev_design.parameters import fields
 from maglev_design.record import DesignRecord
 from maglev_design.report import prose
 from maglev_design.report.commands import (
@@ -19,6 +18,7 @@ from maglev_design.report.commands import (
 )
 from maglev_design.report.content import (
     Bullets,
+    Chapter,
     Code,
     Figure,
     Link,
@@ -27,10 +27,10 @@ from maglev_design.report.content import (
     Paragraph,
     Quantity,
     Runs,
-    Section,
     Table,
 )
 from maglev_design.report.words import GAIN_UNITS
+from maglev_design.rig import fields
 
 READINGS: dict[Equilibrium, str] = {
     "model": "`U` is computed from the controller's own `beta`",
@@ -46,7 +46,7 @@ EQUATION_UNITS |= {"f_y": "V/m", "f_a": "V s^2/m", "x1_max": "m s"}
 """Of the numbers of the difference equation of the law (20)."""
 
 
-def rig_chapter(record: DesignRecord) -> Section:
+def rig_chapter(record: DesignRecord) -> Chapter:
     """Return the rig's numbers with units, and where they are from."""
     rig = record.document["rig"]
     rows = tuple((c, prose.runs(meaning), value) for c, meaning, value in _rig_rows(rig))
@@ -62,7 +62,7 @@ def rig_chapter(record: DesignRecord) -> Section:
         design_command(record),
         "lpr",
     )
-    return Section("The rig", (*says, table))
+    return Chapter("The rig", (*says, table))
 
 
 def _rig_rows(rig: dict[str, Any]) -> Iterator[tuple[Runs, str, Runs]]:
@@ -90,7 +90,7 @@ def _cell(value: float | str, unit: str) -> str | Quantity:
     return value if isinstance(value, str) else Quantity(value, unit, 9)
 
 
-def scheme_chapter(record: DesignRecord) -> Section:
+def scheme_chapter(record: DesignRecord) -> Chapter:
     """Return the block diagram and the law with its numbers."""
     design, document = record.design, record.document
     believed = design.believed
@@ -164,14 +164,14 @@ def scheme_chapter(record: DesignRecord) -> Section:
         design_command(record),
         "lr",
     )
-    return Section("The control scheme", (told, figure, controller, difference))
+    return Chapter("The control scheme", (told, figure, controller, difference))
 
 
 def _double(record: DesignRecord) -> bool:
     return record.design.poles.first == record.design.poles.second
 
 
-def commands_chapter(record: DesignRecord) -> Section:
+def commands_chapter(record: DesignRecord) -> Chapter:
     """Return what makes all of this again."""
     versions = record.document["versions"]
     blocks: list[Any] = [
@@ -200,4 +200,4 @@ def commands_chapter(record: DesignRecord) -> Section:
         ]
     else:
         blocks.append(Bullets((("The rig is the preset ", Code(preset_of(record) or ""), "."),)))
-    return Section("The commands", tuple(blocks))
+    return Chapter("The commands", tuple(blocks))

@@ -10,9 +10,9 @@ from typing import Any
 
 from maglev_design.design import PAPER_POLES
 from maglev_design.options import DEFAULT_MAX_MS
-from maglev_design.parameters import is_papers, load_rig, preset_names
 from maglev_design.programs import gains_program
 from maglev_design.record import DesignRecord, rig_as_data
+from maglev_design.rig import is_papers, load_rig, preset_names
 
 RIG_FILE = "rig.toml"
 """What a rig that is no preset is called in the commands."""

@@ -29,7 +29,7 @@ FACTOR_NAMES = {
 
 
 @dataclass(frozen=True)
-class Table:
+class TextTable:
     """A table of text: title, column heads, rows, and how many columns hold words."""
 
     title: str
@@ -49,7 +49,7 @@ def named(result: Mapping[str, Any]) -> str:
     return label if result["variant"] == "default" else f"{label}, {result['variant']}"
 
 
-def result_tables(document: Mapping[str, Any]) -> tuple[Table, ...]:
+def result_tables(document: Mapping[str, Any]) -> tuple[TextTable, ...]:
     """Return one table for each test; a star marks a controller whose reading is a guess."""
     several = len({(r["method"], r["equilibrium"]) for r in document["results"]}) > 1
     tables = []
@@ -65,11 +65,11 @@ def result_tables(document: Mapping[str, Any]) -> tuple[Table, ...]:
         seeds = max(r["seeds"] for r in rows)
         title = trial["title"] + (f": median of {seeds} seeds" if seeds > 1 else "")
         head = ("controller", *(name for name, _ in COLUMNS))
-        tables.append(Table(title, head, tuple(lines)))
+        tables.append(TextTable(title, head, tuple(lines)))
     return tuple(tables)
 
 
-def margin_table(document: Mapping[str, Any]) -> Table:
+def margin_table(document: Mapping[str, Any]) -> TextTable:
     """Return the margins of every sampled loop; a dash where the loop is unstable."""
     several = len({m["method"] for m in document["margins"]}) > 1
     rows = [
@@ -94,14 +94,14 @@ def margin_table(document: Mapping[str, Any]) -> Table:
         "delay [ms]",
     )
     title = "Margins of the sampled loop, worst over the path and the rig's uncertainty of beta"
-    return Table(title, head, tuple(rows))
+    return TextTable(title, head, tuple(rows))
 
 
 def _thousandfold(value: float | None) -> float | None:
     return None if value is None else 1e3 * value
 
 
-def spread_table(document: Mapping[str, Any]) -> Table:
+def spread_table(document: Mapping[str, Any]) -> TextTable:
     """Return the 95 % intervals of the indices where noise enters."""
     rows = [
         (
@@ -116,10 +116,10 @@ def spread_table(document: Mapping[str, Any]) -> Table:
         if r["spread"]
     ]
     head = ("controller", "test", "ISE [m² s]", "IAE [m s]", "ITAE [m s²]")
-    return Table("95 % of the seeds lie in", head, tuple(rows), words=2)
+    return TextTable("95 % of the seeds lie in", head, tuple(rows), words=2)
 
 
-def ordering_table(document: Mapping[str, Any], trial: Mapping[str, Any]) -> Table:
+def ordering_table(document: Mapping[str, Any], trial: Mapping[str, Any]) -> TextTable:
     """Return for one test in how many readings TAN-GPI has the smaller figure."""
     rows = [
         (
@@ -134,7 +134,7 @@ def ordering_table(document: Mapping[str, Any], trial: Mapping[str, Any]) -> Tab
         if o["test"] == trial["name"]
     ]
     head = ("TAN-GPI has the smaller", "than", "as stated", "decided by", "all", "decided by")
-    return Table(trial["title"], head, tuple(rows), words=2)
+    return TextTable(trial["title"], head, tuple(rows), words=2)
 
 
 def headline(document: Mapping[str, Any]) -> str | None:
@@ -175,7 +175,7 @@ def guesses(document: Mapping[str, Any]) -> tuple[str, ...]:
 SPLIT_HEADER = ("controller", "index", "start", "move", "hold")
 
 
-def split_table(document: Mapping[str, Any]) -> Table:
+def split_table(document: Mapping[str, Any]) -> TextTable:
     """Return which part of the nominal move each index is made of, in per cent."""
     rows = []
     for r in document["results"]:
@@ -186,7 +186,7 @@ def split_table(document: Mapping[str, Any]) -> Table:
             whole = sum(parts.values())
             shares = (f"{100 * parts[p] / whole:.3g} %" if whole else "-" for p in parts)
             rows.append((named(r), index.upper(), *shares))
-    return Table("What the indices rank (nominal test)", SPLIT_HEADER, tuple(rows), words=2)
+    return TextTable("What the indices rank (nominal test)", SPLIT_HEADER, tuple(rows), words=2)
 
 
 def markdown(document: Mapping[str, Any], command: str, figures: Sequence[str]) -> str:
@@ -253,7 +253,7 @@ CAPTIONS = {
 }
 
 
-def pipes(table: Table) -> list[str]:
+def pipes(table: TextTable) -> list[str]:
     """Return a table in markdown."""
     return [
         f"**{markdown_line(table.title)}**",

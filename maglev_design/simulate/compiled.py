@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design import design as designs
-from maglev_design import parameters
+from maglev_design import rig as rigs
 from maglev_design.files import cache_folder, joint_hash, kept, sources
 from maglev_design.programs import fingerprint
 from maglev_design.simulate import lanes
@@ -56,7 +56,7 @@ SOURCES = (
     HERE / "kernel.c",
     HERE / "lanes.h",
     Path(designs.__file__),
-    Path(parameters.__file__),
+    Path(rigs.__file__).parent,
 )
 """Whose text decides what a kernel is, besides the programs."""
 

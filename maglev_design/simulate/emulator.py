@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from maglev_design.errors import InputError
-from maglev_design.parameters import Rig, make_rig
+from maglev_design.rig import Rig, make_rig
 
 
 def emulated(rig: Rig, period: float | None = None) -> Rig:

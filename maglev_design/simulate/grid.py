@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from maglev_design import design as designs
 from maglev_design.errors import InputError, check_numbers, check_word
 from maglev_design.options import METHODS, TAN_GPI, Controller, Method
-from maglev_design.parameters import Emulator, Rig
 from maglev_design.programs import (
     coefficients_program,
     continuous_program,
     start_program,
     step_program,
 )
+from maglev_design.rig import Emulator, Rig
 
 Array = NDArray[np.float64]
 

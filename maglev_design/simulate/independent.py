@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design import design as designs
-from maglev_design.parameters import Rig
 from maglev_design.programs import (
     acceleration_program,
     continuous_program,
@@ -26,17 +25,9 @@ from maglev_design.programs import (
     start_program,
     step_program,
 )
-from maglev_design.simulate.grid import (
-    LoopGraph,
-    contact_gap,
-    signal_names,
-)
-from maglev_design.simulate.scenario import (
-    Scenario,
-    held_voltage,
-    noise_samples,
-    parameter_vector,
-)
+from maglev_design.rig import Rig
+from maglev_design.simulate.grid import LoopGraph, contact_gap, signal_names
+from maglev_design.simulate.scenario import Scenario, held_voltage, noise_samples, parameter_vector
 
 Array = NDArray[np.float64]
 SampledController = Callable[[Mapping[str, float]], tuple[float, float]]
@@ -53,7 +44,7 @@ INTEGRATOR = "SciPy DOP853, restarted at every jump of the voltage"
 
 
 @dataclass(frozen=True)
-class Check:
+class IndependentMetrics:
     """Metrics of the independent run [SI]; ``crashed`` when the ball left the allowed gaps."""
 
     ise: float
@@ -68,7 +59,7 @@ def resimulate(
     design: designs.Design,
     scenario: Scenario,
     controller: SampledController | None = None,
-) -> Check:
+) -> IndependentMetrics:
     """Return the metrics of one sampled closed loop, integrated independently.
 
     Parameters
@@ -107,11 +98,13 @@ def resimulate(
             voltage = pending.popleft()
         state = _advance(integrator, state, change, end, voltage + noise[0, k])
         if not inside[0] < state[0] < inside[1]:
-            return Check(math.inf, math.inf, math.inf, float(peak), True)
+            return IndependentMetrics(math.inf, math.inf, math.inf, float(peak), True)
     return _check(state, peak)
 
 
-def resimulate_continuous(loop: LoopGraph, design: designs.Design, scenario: Scenario) -> Check:
+def resimulate_continuous(
+    loop: LoopGraph, design: designs.Design, scenario: Scenario
+) -> IndependentMetrics:
     """Return the metrics of a loop with the continuous law, integrated independently.
 
     The step adapts to the kinks of clamp and anti-windup. The peak is that of the sampling
@@ -145,14 +138,14 @@ def resimulate_continuous(loop: LoopGraph, design: designs.Design, scenario: Sce
         peak = max(peak, command(state, samples[:, k].tolist(), float(noise[1, k]))[1])
         state = _advance(integrator, state, start, end, noise[:, k].tolist())
         if not fixed["gap_low"] < state[0] < fixed["gap_high"]:
-            return Check(math.inf, math.inf, math.inf, float(peak), True)
+            return IndependentMetrics(math.inf, math.inf, math.inf, float(peak), True)
     return _check(state, peak)
 
 
-def _check(state: Any, peak: float) -> Check:
+def _check(state: Any, peak: float) -> IndependentMetrics:
     """Return the metrics that were integrated with the state."""
     ise, iae, itae = (float(x) / scale for x, scale in zip(state[2:5], SCALES, strict=True))
-    return Check(ise, iae, itae, float(peak), False)
+    return IndependentMetrics(ise, iae, itae, float(peak), False)
 
 
 def own_step(rig: Rig, design: designs.Design, start: Sequence[float]) -> SampledController:

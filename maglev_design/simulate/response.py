@@ -9,11 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design.design import (
-    Design,
-    reference_path,
-)
-from maglev_design.parameters import Rig
+from maglev_design.design import Design, reference_path
+from maglev_design.rig import Rig
 from maglev_design.simulate import grid as grids
 from maglev_design.simulate.independent import resimulate_continuous
 from maglev_design.simulate.scenario import (

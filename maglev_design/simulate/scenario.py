@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from maglev_design.design import Design
 from maglev_design.errors import InputError, check_numbers
-from maglev_design.parameters import Rig
 from maglev_design.programs import feedforward_program, start_program
+from maglev_design.rig import Rig
 from maglev_design.simulate import grid as grids
 from maglev_design.simulate.noise import INPUT_CHANNEL, POSITION_CHANNEL, standard_normals
 

@@ -20,7 +20,6 @@ import numpy as np
 from maglev_design import design as designs
 from maglev_design.lowering import Program
 from maglev_design.options import Controller
-from maglev_design.parameters import Emulator
 from maglev_design.programs import (
     acceleration_program,
     coil_program,
@@ -29,12 +28,8 @@ from maglev_design.programs import (
     start_program,
     step_program,
 )
-from maglev_design.simulate.grid import (
-    COIL,
-    LoopGraph,
-    pole_names,
-    rounded,
-)
+from maglev_design.rig import Emulator
+from maglev_design.simulate.grid import COIL, LoopGraph, pole_names, rounded
 
 SIXTH = 1 / 6  # a product is faster than a division
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from maglev_design.parameters import Rig
+from maglev_design.rig import Rig
 from maglev_design.simulate.response import Response
 
 SETTLED = 0.02

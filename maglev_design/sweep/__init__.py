@@ -13,19 +13,13 @@ from pathlib import Path
 from maglev_design.design import Design
 from maglev_design.errors import InputError
 from maglev_design.options import Backend
-from maglev_design.parameters import Rig
+from maglev_design.rig import Rig
 from maglev_design.simulate import compiled
 from maglev_design.sweep.chunks import is_done, open_folder, write_chunk
 from maglev_design.sweep.draws import SAMPLINGS, Sampling, beta_is_computed, drawn_spreads
 from maglev_design.sweep.executors import Runner, in_process, in_processes, locally, on_cluster
 from maglev_design.sweep.result import DesignResult, SweepResult, recorded, summarise
-from maglev_design.sweep.scenarios import (
-    FIGURES,
-    Plants,
-    plants,
-    plants_of,
-    scenario,
-)
+from maglev_design.sweep.scenarios import FIGURES, Plants, plants, plants_of, scenario
 from maglev_design.sweep.setup import COMPILED_CHUNK, INTERPRETED_CHUNK, KIND, Setup
 
 __all__ = [

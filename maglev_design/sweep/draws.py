@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design.design import Design
-from maglev_design.linear_loop import family
+from maglev_design.family import family_of
 from maglev_design.options import Equilibrium
-from maglev_design.parameters import Rig, Spread
 from maglev_design.programs import believed_program, beta_program
+from maglev_design.rig import Rig, Spread
 
 Array = NDArray[np.float64]
 Sampling = Literal["lhs", "sobol", "random"]
@@ -39,14 +39,14 @@ def drawn_spreads(rig: Rig, equilibrium: Equilibrium = "model") -> dict[str, Spr
 
     Examples
     --------
-    >>> from maglev_design.parameters import load_rig
+    >>> from maglev_design.rig import load_rig
     >>> list(drawn_spreads(load_rig("belmonte2021")))
     ['ratio']
     """
     spreads = rig.uncertainty.spreads
     if beta_is_computed(rig, equilibrium):
         return spreads
-    low, high = family(rig, equilibrium).ratios
+    low, high = family_of(rig, equilibrium).ratios
     ratio = {RATIO: Spread(distribution="uniform", lower=low, upper=high)} if low < high else {}
     unused = BETA_PARTS if equilibrium == "measured" else ()
     return ratio | {name: spread for name, spread in spreads.items() if name not in unused}

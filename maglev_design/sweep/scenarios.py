@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from maglev_design import design as designs
 from maglev_design.design import Design
 from maglev_design.errors import InputError
-from maglev_design.parameters import DRAWN
+from maglev_design.rig import DRAWN
 from maglev_design.simulate import (
     LoopGraph,
     Scenario,

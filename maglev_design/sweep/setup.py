@@ -13,7 +13,7 @@ from maglev_design.design import Design
 from maglev_design.design_data import design_as_data
 from maglev_design.errors import InputError
 from maglev_design.options import SCHEMA_VERSION, Backend, Equilibrium
-from maglev_design.parameters import Rig, Spread
+from maglev_design.rig import Rig, Spread
 from maglev_design.simulate.lanes import LANES
 from maglev_design.sweep.draws import Sampling, beta_is_computed, drawn_spreads
 

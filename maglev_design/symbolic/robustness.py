@@ -131,7 +131,7 @@ def _pencil(coefficients: Sequence[Expr]) -> Pencil:
 
 
 @dataclass(frozen=True)
-class Uncertainty:
+class RatioDependence:
     """How beta_c/beta enters a loop.
 
     Attributes
@@ -152,7 +152,7 @@ class Uncertainty:
     C_Y_hat: Expr
 
 
-def uncertainty(law: ControlLaw, recomputed: Equilibrium | None = None) -> Uncertainty:
+def uncertainty(law: ControlLaw, recomputed: Equilibrium | None = None) -> RatioDependence:
     """Return how beta_c/beta enters the loop of a law.
 
     Parameters
@@ -184,7 +184,7 @@ def uncertainty(law: ControlLaw, recomputed: Equilibrium | None = None) -> Uncer
     if not sp.Poly(seen, quotient).degree() <= 1:
         raise ArithmeticError(f"C_Y^ = {seen} is not affine in v")
     shape = sp.simplify(rho / rho.subs(GAP, p.Y)).subs(GAP, p.y)
-    return Uncertainty(shape, sp.simplify(scale), power, seen)
+    return RatioDependence(shape, sp.simplify(scale), power, seen)
 
 
 def stability_conditions(law: ControlLaw) -> tuple[Expr, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from maglev_design.design import fastest_unstable_pole, voltage_warning
-from maglev_design.parameters import DEFAULT_VOLTAGE_ERROR
+from maglev_design.rig import DEFAULT_VOLTAGE_ERROR
 from maglev_design.tune.problem import TuningProblem
 
 NOTICED_COIL, NO_IDEAL_DRIVE = 0.02, 0.05

@@ -14,16 +14,11 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design.tune.problem import (
-    Case,
-    TuningProblem,
-    coarse_slacks,
-    linear_constraints,
-    runs,
-)
+from maglev_design.tune.evaluation import coarse_slacks, linear_constraints, runs
+from maglev_design.tune.problem import TuningCase, TuningProblem
 
 Array = NDArray[np.float64]
-Pair = tuple[Case, float]
+Pair = tuple[TuningCase, float]
 Score = Callable[[Array, Mapping[str, Array]], Array]
 """(objective, slack of each limit) of n points -> what is made small, shape (n,)."""
 

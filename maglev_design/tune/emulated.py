@@ -18,7 +18,7 @@ import numpy as np
 from maglev_design import linear_loop as loops
 from maglev_design.design import Design, PoleSpec, make_design
 from maglev_design.options import TAN_GPI
-from maglev_design.parameters import Rig
+from maglev_design.rig import Rig
 from maglev_design.simulate import (
     Metrics,
     at_own_period,
@@ -29,18 +29,17 @@ from maglev_design.simulate import (
     simulate_batch,
 )
 from maglev_design.simulate.noise import LARGEST_SEED
-from maglev_design.tune.problem import (
-    Array,
-    Case,
+from maglev_design.tune.evaluation import (
     Constraint,
-    Run,
-    TuningProblem,
+    TuningRun,
     design_at,
     linear_constraints,
     runs,
     scenario_at,
 )
-from maglev_design.tune.search import Candidate, Landscape, Search, exchange, pattern_search
+from maglev_design.tune.landscape import Landscape
+from maglev_design.tune.problem import Array, TuningCase, TuningProblem
+from maglev_design.tune.search import Candidate, Search, exchange, pattern_search
 
 T = TypeVar("T")
 
@@ -59,7 +58,7 @@ ONE_MORE_SAMPLE = "spectral radius, one more sample"
 
 
 @dataclass(frozen=True)
-class Spread:
+class NoiseBand:
     """The median of a figure over noise streams, and the ends of the middle 95 %."""
 
     median: float
@@ -77,17 +76,17 @@ class Emulation:
         beta_c/beta.
     seeds, lost : int
         Runs, and in how many of them the ball was lost.
-    itae : Spread
+    itae : NoiseBand
         [m s^2]
-    total_variation : Spread
+    total_variation : NoiseBand
         Of the applied voltage [V].
     """
 
     ratio: float
     seeds: int
     lost: int
-    itae: Spread
-    total_variation: Spread
+    itae: NoiseBand
+    total_variation: NoiseBand
 
 
 @dataclass(frozen=True)
@@ -250,7 +249,7 @@ def emulations(
     loop = build(rig, design.method, controller=design.controller, emulate=True)
     ratios = emulated_ratios(problem)
     scenarios = [
-        replace(scenario_at(problem, Case(noise=True), ratio), seed=seed)
+        replace(scenario_at(problem, TuningCase(noise=True), ratio), seed=seed)
         for ratio in ratios
         for seed in seeds
     ]
@@ -278,9 +277,9 @@ def _emulation(ratio: float, found: Sequence[tuple[Metrics, float]]) -> Emulatio
     )
 
 
-def _spread(values: Sequence[float]) -> Spread:
+def _spread(values: Sequence[float]) -> NoiseBand:
     low, median, high = (float(x) for x in np.percentile(values, BAND))
-    return Spread(median, low, high)
+    return NoiseBand(median, low, high)
 
 
 def emulated_ratios(problem: TuningProblem) -> tuple[float, ...]:
@@ -318,11 +317,11 @@ def one_more_sample(problem: TuningProblem, poles: PoleSpec) -> Constraint:
     return Constraint(ONE_MORE_SAMPLE, "-", 1.0, found.value, slack, -found.gradient)
 
 
-def emulated_runs(problem: TuningProblem, poles: PoleSpec, streams: int) -> list[list[Run]]:
+def emulated_runs(problem: TuningProblem, poles: PoleSpec, streams: int) -> list[list[TuningRun]]:
     """Simulate poles on the emulated plants, one list of `streams` runs a plant."""
     assert problem.emulated_runs is not None  # noqa: S101 - the callers tune the emulated rig
     trials = [
-        (poles, Case(noise=True, index=index, shift=shift), ratio)
+        (poles, TuningCase(noise=True, index=index, shift=shift), ratio)
         for ratio, shift in itertools.product(emulated_ratios(problem), problem.family.shift_values)
         for index in range(streams)
     ]
@@ -330,11 +329,11 @@ def emulated_runs(problem: TuningProblem, poles: PoleSpec, streams: int) -> list
     return _groups(found, streams)
 
 
-def _limits_of(plants: Iterable[Sequence[Run]]) -> list[Constraint]:
+def _limits_of(plants: Iterable[Sequence[TuningRun]]) -> list[Constraint]:
     return [limit for plant in plants for run in plant for limit in run.constraints]
 
 
-def worst_mean(plants: Iterable[Sequence[Run]]) -> float:
+def worst_mean(plants: Iterable[Sequence[TuningRun]]) -> float:
     """Return the objective: the mean over the streams, at the plant where it is largest."""
     return max(float(np.mean([run.value for run in plant])) for plant in plants)
 

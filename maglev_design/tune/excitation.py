@@ -7,7 +7,7 @@ from typing import Any
 
 from maglev_design.design import check_path_voltage
 from maglev_design.errors import InputError
-from maglev_design.parameters import InitialState, Rig
+from maglev_design.rig import InitialState, Rig
 
 SHARE = 0.02
 """Of Z = Y + y0: how far from the path's gap the ball starts."""

@@ -11,18 +11,18 @@ from numpy.typing import NDArray
 
 from maglev_design import linear_loop as loops
 from maglev_design.design import PoleSpec
+from maglev_design.family import Family
 from maglev_design.simulate import Metrics, resimulate, respond, simulate_batch
 from maglev_design.tune.emulated import emulated_limits
-from maglev_design.tune.problem import (
-    Case,
+from maglev_design.tune.evaluation import (
     Constraint,
-    TuningProblem,
     certificate,
     design_at,
     linear_constraints,
     run,
     scenario_at,
 )
+from maglev_design.tune.problem import TuningCase, TuningProblem
 from maglev_design.tune.search import SCAN, Search, worst_ratio
 
 VERIFICATION_TOLERANCE = 1e-5
@@ -40,7 +40,7 @@ class Figures:
     worst : Metrics
         At the ratio where the objective is largest; extremes of voltage and gap are over all
         ratios and cases.
-    case : Case
+    case : TuningCase
         Which way to run that was.
     ratio : float
         beta_c/beta there, of the plant that has the rig's y0.
@@ -63,7 +63,7 @@ class Figures:
     """
 
     worst: Metrics
-    case: Case
+    case: TuningCase
     ratio: float
     nominal: Metrics
     ms: float
@@ -154,7 +154,7 @@ def judge(problem: TuningProblem, poles: PoleSpec) -> Figures:
         worst=_with_extremes(worst.metrics, [r.metrics for r in (*runs, worst)]),
         case=case,
         ratio=ratio,
-        nominal=run(problem, poles, Case(), 1.0).metrics,
+        nominal=run(problem, poles, TuningCase(), 1.0).metrics,
         ms=_peak(problem.loop, values, over, radius),
         ms_one_more_sample=_peak(problem.delayed_loop, values, over, later),
         radius=radius,
@@ -169,7 +169,7 @@ def judge(problem: TuningProblem, poles: PoleSpec) -> Figures:
     )
 
 
-def _peak(loop: loops.Loop, poles: Sequence[float], over: loops.Family, radius: float) -> float:
+def _peak(loop: loops.Loop, poles: Sequence[float], over: Family, radius: float) -> float:
     """Return Ms; infinite for an unstable loop."""
     return math.inf if radius >= 1 else loops.peak_sensitivity(loop, poles, over).value
 

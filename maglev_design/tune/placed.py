@@ -15,8 +15,9 @@ from maglev_design.options import TAN_GPI, Controller
 from maglev_design.programs import gains_of_pid_program
 from maglev_design.tune.cautions import cautions
 from maglev_design.tune.emulated import emulated_row
+from maglev_design.tune.evaluation import design_at
 from maglev_design.tune.figures import judge, verify, with_noise
-from maglev_design.tune.problem import TuningProblem, design_at
+from maglev_design.tune.problem import TuningProblem
 from maglev_design.tune.result import (
     Status,
     TuneResult,

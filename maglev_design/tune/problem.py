@@ -1,16 +1,16 @@
-"""The tuning problem: what is minimised, over what, subject to what; and its evaluation.
+"""The tuning problem: what is minimised, over what, subject to what.
 
 Minimise over the poles the worst case, over the ratio interval and the cases, of an integral of
 the error of the sampled nonlinear loop, subject to limits on that loop and on its linearisations
-along the path. Values and exact gradients come from here; nothing here searches.
+along the path. It is built once and can be looked at; :mod:`maglev_design.tune.evaluation` says
+what it gives at poles.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,9 @@ from maglev_design.design import (
     PoleSpec,
     believed_equilibrium,
     fastest_unstable_pole,
-    make_design,
 )
 from maglev_design.errors import InputError, nearest
+from maglev_design.family import Family, family_of
 from maglev_design.options import (
     DEFAULT_MAX_MS,
     TAN_GPI,
@@ -34,18 +34,8 @@ from maglev_design.options import (
     Method,
     Scenarios,
 )
-from maglev_design.parameters import Rig
-from maglev_design.simulate import (
-    LoopGraph,
-    Metrics,
-    Scenario,
-    build,
-    designed_for,
-    mirrored,
-    nominal_scenario,
-    pole_sensitivities,
-    simulate_batch,
-)
+from maglev_design.rig import Rig
+from maglev_design.simulate import LoopGraph, build, designed_for
 from maglev_design.tune.excitation import Excitation, excited
 
 Array = NDArray[np.float64]
@@ -59,6 +49,7 @@ FASTEST_ANGLE = 0.5
 """Largest omega_n T searched: beyond it a sample is a tenth of an oscillation."""
 NOISE_SEEDS = 2
 CERTIFICATE = "Lyapunov certificate"
+"""Name of the limit that a proof be found."""
 Certifies = Callable[[Design], bool]
 """Whether a controller's sampled loop is proved stable over the gaps and ratios."""
 
@@ -80,7 +71,7 @@ OBJECTIVES: Mapping[str, Objective] = {
 
 
 @dataclass(frozen=True)
-class Case:
+class TuningCase:
     """One way to run: the sign of the initial error, a noise stream or none, the plant's y0.
 
     `shift` is the plant's y0 less the rig's [m].
@@ -93,7 +84,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Limits:
+class DesignLimits:
     """What a design must keep to.
 
     Attributes
@@ -122,12 +113,12 @@ class TuningProblem:
     equilibrium, method : str
     believed : Believed
         What every controller of this problem takes the equilibrium to be; fixed.
-    limits : Limits
+    limits : DesignLimits
     distinct : bool
         Whether the two pole pairs may differ (four variables instead of two).
     bounds : array, shape (2, 2)
         Rows zeta [-] and omega_n [rad/s]; lower and upper.
-    cases : tuple of Case
+    cases : tuple of TuningCase
     seed : int
     loop, delayed_loop : Loop
         Linear loops, the second with one more whole sample of delay.
@@ -153,14 +144,14 @@ class TuningProblem:
     equilibrium: Equilibrium
     method: Method
     believed: Believed
-    limits: Limits
+    limits: DesignLimits
     distinct: bool
     bounds: Array
-    cases: tuple[Case, ...]
+    cases: tuple[TuningCase, ...]
     seed: int
     loop: loops.Loop
     delayed_loop: loops.Loop
-    family: loops.Family
+    family: Family
     runs: LoopGraph
     sensitivity_runs: LoopGraph
     certifies: Certifies | None = None
@@ -206,49 +197,6 @@ class TuningProblem:
         return np.log(np.vstack([self.bounds] * (2 if self.distinct else 1)))
 
 
-@dataclass(frozen=True)
-class Constraint:
-    """One limit and where a design stands.
-
-    Attributes
-    ----------
-    name, unit : str
-    limit, value : float
-    slack : float
-        Dimensionless, negative when violated.
-    gradient : array, shape (4,)
-        Of the slack by the poles.
-    """
-
-    name: str
-    unit: str
-    limit: float
-    value: float
-    slack: float
-    gradient: Array
-
-    @property
-    def satisfied(self) -> bool:
-        """Whether the limit is kept."""
-        return self.slack >= 0
-
-    @property
-    def side(self) -> Literal["upper", "lower"]:
-        """Whether `limit` bounds the value from above or from below."""
-        lower = self.name in ("Routh-Hurwitz", CERTIFICATE) or self.name.startswith("smallest")
-        return "lower" if lower else "upper"
-
-
-@dataclass(frozen=True)
-class Run:
-    """One simulated loop inside the search: its objective and its limits, with gradients."""
-
-    value: float
-    gradient: Array
-    constraints: tuple[Constraint, ...]
-    metrics: Metrics
-
-
 def build_problem(
     rig: Rig,
     *,
@@ -274,7 +222,7 @@ def build_problem(
     Parameters
     ----------
     beta_error, voltage
-        As :func:`maglev_design.linear_loop.family` and
+        As :func:`maglev_design.family.family_of` and
         :func:`maglev_design.design.believed_equilibrium` take them.
     controller, gains
         For a controller that is judged and not searched for.
@@ -293,7 +241,7 @@ def build_problem(
         rig = designed_for(rig)
     rig, excitation = excited(rig)
     believed = believed_equilibrium(rig, equilibrium, voltage=voltage)
-    over = loops.family(rig, equilibrium, beta_error)
+    over = family_of(rig, equilibrium, beta_error)
     if not max_ms > 1:
         raise InputError(f"max-ms = {max_ms!r}: must be greater than 1, the |S| of no feedback")
     low, high = rig.limits.voltage
@@ -309,10 +257,10 @@ def build_problem(
             _checked("omega-bounds", omega_bounds or default_omega_bounds(rig)),
         ]
     )
-    plain: tuple[Case, ...] = (Case(),)
+    plain: tuple[TuningCase, ...] = (TuningCase(),)
     if scenarios == "robust":
-        noisy = [Case(bool(n % 2), noise=True, index=n) for n in range(NOISE_SEEDS)]
-        plain = (Case(), Case(flipped=True), *noisy)
+        noisy = [TuningCase(bool(n % 2), noise=True, index=n) for n in range(NOISE_SEEDS)]
+        plain = (TuningCase(), TuningCase(flipped=True), *noisy)
     cases = tuple(replace(case, shift=shift) for shift in over.shift_values for case in plain)
 
     def loop(extra: int) -> loops.Loop:
@@ -331,7 +279,7 @@ def build_problem(
         equilibrium=equilibrium,
         method=chosen,
         believed=believed,
-        limits=Limits(max_ms, noise_limit, allow_saturation),
+        limits=DesignLimits(max_ms, noise_limit, allow_saturation),
         distinct=distinct,
         bounds=bounds,
         cases=cases,
@@ -364,180 +312,3 @@ def _checked(name: str, bounds: tuple[float, float]) -> tuple[float, float]:
     if not (math.isfinite(low) and math.isfinite(high) and 0 < low < high):
         raise InputError(f"{name} = {low!r} {high!r}: must be two numbers, 0 < lower < upper")
     return bounds
-
-
-def linear_constraints(problem: TuningProblem, poles: PoleSpec) -> tuple[Constraint, ...]:
-    """Return the limits that the linearised loops must keep, worst over gaps and ratios.
-
-    Ms and noise appear several times, at their worst and at every corner of the family: each of
-    these is smooth in the poles where their maximum is not.
-    """
-    values, over, limits = poles.values, problem.family, problem.limits
-    radius = loops.spectral_radius(problem.loop, values, over)
-    hurwitz = loops.hurwitz_margin(problem.loop, values, over)
-    found = [
-        Constraint("spectral radius", "-", 1.0, radius.value, 1 - radius.value, -radius.gradient),
-        Constraint("Routh-Hurwitz", "-", 0.0, hurwitz.value, hurwitz.value, hurwitz.gradient),
-    ]
-    peaks = loops.peak_sensitivities(problem.loop, values, over)
-    found += [_logarithmic("Ms", "-", limits.max_ms, peak) for peak in peaks]
-    if problem.noise_matters:
-        deviation = problem.position_noise
-        noise = loops.noise_voltages(problem.loop, values, over, deviation)
-        highest = limits.max_noise_voltage
-        found += [_logarithmic("noise voltage", "V", highest, x) for x in noise]
-    return tuple(found)
-
-
-def coarse_slacks(problem: TuningProblem, poles: Sequence[PoleSpec]) -> dict[str, Array]:
-    """Return the slack of each limit of :func:`linear_constraints` for many poles, shape (n,).
-
-    On a coarser grid of gaps, ratios and frequencies: for the picture of a whole box.
-    """
-    limits = problem.limits
-    columns = np.array([p.values for p in poles]).T
-    figures = loops.coarse_figures(problem.loop, columns, problem.family)
-    slacks = {
-        "spectral radius": 1 - figures.radius,
-        "Routh-Hurwitz": figures.hurwitz,
-        "Ms": np.array([_log_slack(limits.max_ms, x) for x in figures.peak]),
-    }
-    if problem.noise_matters:
-        noise = problem.position_noise * figures.noise
-        slacks["noise voltage"] = np.array([_log_slack(limits.max_noise_voltage, x) for x in noise])
-    return slacks
-
-
-def _log_slack(limit: float, value: float) -> float:
-    """Return log(limit/value), the slack of an upper limit on a positive figure."""
-    if not (math.isfinite(value) and value > 0):
-        return -1e3
-    return math.inf if math.isinf(limit) else math.log(limit / value)
-
-
-def certificate(problem: TuningProblem, poles: PoleSpec) -> tuple[Constraint, ...]:
-    """Return whether the sampled loop is certified as a limit; none where that is not required."""
-    if problem.certifies is None:
-        return ()
-    value = float(problem.certifies(design_at(problem, poles)))
-    return (Constraint(CERTIFICATE, "-", 1.0, value, value - 1, np.zeros(4)),)
-
-
-def _logarithmic(name: str, unit: str, limit: float, found: loops.Extreme) -> Constraint:
-    """Return an upper limit on a positive figure, with its gradient."""
-    slack = _log_slack(limit, found.value)
-    if not (math.isfinite(found.value) and found.value > 0):
-        return Constraint(name, unit, limit, math.inf, slack, np.zeros(4))
-    gradient = np.zeros(4) if math.isinf(limit) else -found.gradient / found.value
-    return Constraint(name, unit, limit, found.value, slack, gradient)
-
-
-def design_at(problem: TuningProblem, poles: PoleSpec) -> Design:
-    """Return the controller with these poles; every plant of the family meets the same one."""
-    return make_design(
-        problem.rig,
-        poles,
-        equilibrium=problem.equilibrium,
-        method=problem.method,
-        voltage=problem.believed.U,
-        controller=problem.controller,
-        gains=problem.gains,
-    )
-
-
-def scenario_at(problem: TuningProblem, case: Case, ratio: float) -> Scenario:
-    """Return the scenario of one case on the plant with a ratio beta_c/beta at the rig's y0."""
-    rig = problem.rig
-    actual = problem.family.ratio_at(ratio, case.shift)
-    scenario = nominal_scenario(rig, problem.believed.beta / actual)
-    if case.flipped:
-        scenario = mirrored(rig, scenario)
-    offset = rig.plant.gap_offset + case.shift if case.shift else None
-    return replace(
-        scenario, noise=case.noise, seed=problem.seed, index=case.index, gap_offset=offset
-    )
-
-
-def run(
-    problem: TuningProblem, poles: PoleSpec, case: Case, ratio: float, *, clamped: bool = True
-) -> Run:
-    """Simulate one case at one ratio, as :func:`runs` does many."""
-    return runs(problem, [(poles, case, ratio)], clamped=clamped)[0]
-
-
-def runs(
-    problem: TuningProblem,
-    trials: Sequence[tuple[PoleSpec, Case, float]],
-    *,
-    gradients: bool = False,
-    clamped: bool = True,
-) -> list[Run]:
-    """Simulate trials of (poles, case, ratio) side by side; with `gradients` by the poles, too.
-
-    Without the clamp (``clamped=False``) the objective goes on smoothly where a design commands
-    more than the actuator has; where the limits are kept it makes no difference.
-    """
-    placed = {poles: design_at(problem, poles) for poles in dict.fromkeys(p for p, _, _ in trials)}
-    designs = [placed[poles] for poles, _, _ in trials]
-    scenarios = [scenario_at(problem, case, ratio) for _, case, ratio in trials]
-    if not gradients:
-        found = simulate_batch(problem.runs, designs, scenarios, clamped=clamped)
-        return [_run(problem, x.metrics, {}) for x in found]
-    graph, back = problem.sensitivity_runs, np.linalg.pinv(problem.directions).T
-    moving = {
-        key: pole_sensitivities(graph, design, problem.directions) for key, design in placed.items()
-    }
-    sensitivities = [moving[poles] for poles, _, _ in trials]
-    found = simulate_batch(graph, designs, scenarios, sensitivities, clamped=clamped)
-    return [
-        _run(problem, x.metrics, {name: back @ by for name, by in x.gradients.items()})
-        for x in found
-    ]
-
-
-def _run(problem: TuningProblem, metrics: Metrics, slopes: Mapping[str, Array]) -> Run:
-    """Return what the search needs of one simulated loop; `slopes` are by the poles."""
-    key = problem.objective.key
-    return Run(
-        value=float(getattr(metrics, key)),
-        gradient=slopes.get(key, np.zeros(4)),
-        constraints=(
-            *_gap_constraints(problem, metrics, slopes),
-            *_voltage_constraints(problem, metrics, slopes),
-        ),
-        metrics=metrics,
-    )
-
-
-def _gap_constraints(
-    problem: TuningProblem, metrics: Metrics, slopes: Mapping[str, Array]
-) -> Iterator[Constraint]:
-    low, high = problem.rig.limits.gap
-    scale = problem.rig.operating_point.gap
-    for name, limit, value, key, sign in (
-        ("smallest gap", low, metrics.min_gap, "min_gap", 1),
-        ("largest gap", high, metrics.max_gap, "max_gap", -1),
-    ):
-        if math.isfinite(limit):
-            slack = sign * (value - limit) / scale
-            slack = slack if metrics.crash is None else min(slack, -1.0)
-            gradient = sign * slopes.get(key, np.zeros(4)) / scale
-            yield Constraint(name, "m", limit, value, slack, gradient)
-
-
-def _voltage_constraints(
-    problem: TuningProblem, metrics: Metrics, slopes: Mapping[str, Array]
-) -> Iterator[Constraint]:
-    """Yield the limits of the commanded voltage at its extreme samples."""
-    if problem.limits.allow_saturation:
-        return
-    low, high = problem.rig.limits.voltage
-    scale = high - low if math.isfinite(high) else 1.0
-    for name, limit, value, key, sign in (
-        ("smallest commanded voltage", low, metrics.min_voltage, "min_voltage", 1),
-        ("largest commanded voltage", high, metrics.peak_voltage, "peak_voltage", -1),
-    ):
-        if math.isfinite(limit):
-            slack = sign * (value - limit) / scale
-            gradient = sign * slopes.get(key, np.zeros(4)) / scale
-            yield Constraint(name, "V", limit, value, slack, gradient)

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design import linear_loop as loops
-from maglev_design.parameters import MOST_DELAYED_PERIODS
+from maglev_design.rig import MOST_DELAYED_PERIODS
 from maglev_design.tune import dense
-from maglev_design.tune.problem import Case, TuningProblem
+from maglev_design.tune.problem import TuningCase, TuningProblem
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ class Relief:
     hint: str
 
 
-def _pairs(problem: TuningProblem) -> list[tuple[Case, float]]:
+def _pairs(problem: TuningProblem) -> list[tuple[TuningCase, float]]:
     ratios = dict.fromkeys(problem.family.ratios)
     return [(case, ratio) for case in problem.cases for ratio in ratios]
 

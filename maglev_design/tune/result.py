@@ -19,6 +19,7 @@ from maglev_design.tune.emulated import (
     optimum,
     relaxed_optimum,
 )
+from maglev_design.tune.evaluation import design_at
 from maglev_design.tune.figures import (
     Figures,
     Verification,
@@ -28,21 +29,10 @@ from maglev_design.tune.figures import (
     verify,
     with_noise,
 )
-from maglev_design.tune.problem import (
-    TuningProblem,
-    build_problem,
-    design_at,
-)
+from maglev_design.tune.landscape import Landscape, stable_somewhere, starting_points
+from maglev_design.tune.problem import TuningProblem, build_problem
 from maglev_design.tune.relief import Relief, Unstabilisable, closest, relief, what_would_stabilise
-from maglev_design.tune.search import (
-    Candidate,
-    Landscape,
-    Search,
-    exchange,
-    explore,
-    stable_somewhere,
-    starting_points,
-)
+from maglev_design.tune.search import Candidate, Search, exchange, explore
 
 SPREAD = 1.2
 """Factor by which a double pole pair is pulled apart to start a search over distinct ones."""

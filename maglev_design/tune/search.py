@@ -18,25 +18,23 @@ from scipy.optimize import minimize, minimize_scalar
 
 from maglev_design.design import PoleSpec
 from maglev_design.tune import dense
-from maglev_design.tune.problem import (
-    Case,
+from maglev_design.tune.evaluation import (
     Constraint,
-    Run,
-    TuningProblem,
+    TuningRun,
     certificate,
     coarse_slacks,
     linear_constraints,
     runs,
 )
+from maglev_design.tune.landscape import Landscape
+from maglev_design.tune.problem import TuningCase, TuningProblem
 
 Array = NDArray[np.float64]
-Pair = tuple[Case, float]
+Pair = tuple[TuningCase, float]
 Progress = Callable[[str, float], None]
 
 GRID = 17
 """Points of the first grid along each of zeta and omega_n."""
-STARTS = 3
-"""Local minima of the grid from which the local solver starts."""
 SCAN = 7
 """Ratios tried over the interval before the worst one is refined."""
 MARGIN = 1e-5
@@ -51,32 +49,6 @@ WORSE = 1e-4
 """Relative excess by which a ratio must be worse to join the active set."""
 LOOK_BEYOND = math.log(1.5)
 """Grid points that miss a linear limit by up to this much are simulated too, to draw the edge."""
-
-
-@dataclass(frozen=True)
-class Landscape:
-    """Objective and limits over the box of a double pole pair.
-
-    Attributes
-    ----------
-    zeta, omega_n : array, shape (n,)
-    objective : array, shape (n, n)
-        Worst case over the ends of the ratio interval; nan where the loop is unstable or far
-        outside the limits. Rows are zeta.
-    slack : dict of str to array, shape (n, n)
-        Smallest slack of each limit.
-    """
-
-    zeta: Array
-    omega_n: Array
-    objective: Array
-    slack: dict[str, Array]
-
-    @property
-    def feasible(self) -> NDArray[np.bool_]:
-        """Where every limit is kept."""
-        kept = np.all([s >= 0 for s in self.slack.values()], axis=0)
-        return np.asarray(kept & np.isfinite(self.objective))
 
 
 @dataclass(frozen=True)
@@ -110,7 +82,7 @@ class Search:
     landscape: Landscape | None = None
     stage: tuple[str, float] = ("local solver", 0.0)
     pairs: list[Pair] = field(default_factory=list)
-    _runs: dict[tuple[bytes, Pair, bool], Run] = field(default_factory=dict)
+    _runs: dict[tuple[bytes, Pair, bool], TuningRun] = field(default_factory=dict)
     _linear: dict[bytes, tuple[Constraint, ...]] = field(default_factory=dict)
     _certificates: dict[bytes, tuple[Constraint, ...]] = field(default_factory=dict)
 
@@ -118,7 +90,7 @@ class Search:
         """Say how far the search is; a wish to stop is heard here."""
         self.progress(*self.stage)
 
-    def runs(self, x: Array, pairs: Sequence[Pair], *, gradients: bool = False) -> list[Run]:
+    def runs(self, x: Array, pairs: Sequence[Pair], *, gradients: bool = False) -> list[TuningRun]:
         """Return simulated loops, from memory when they were simulated before."""
         self.tell()
         keys = [(x.tobytes(), pair) for pair in pairs]
@@ -200,7 +172,7 @@ def explore(search: Search) -> Landscape:
 
 def _simulated(
     search: Search, row: Sequence[PoleSpec], which: Iterable[int]
-) -> Iterator[tuple[int, list[Run]]]:
+) -> Iterator[tuple[int, list[TuningRun]]]:
     """Yield the runs of some poles of a row, first case, at the ends of the ratio interval."""
     problem, columns = search.problem, [int(j) for j in which]
     ratios = end_ratios(problem)
@@ -229,34 +201,6 @@ def _keep(search: Search, poles: PoleSpec, value: float) -> None:
     if tightest.slack >= 0 and not (search.best and value >= search.best.value):
         x = np.log(poles.values if problem.distinct else poles.first)
         search.best = Candidate(x, value, tightest)
-
-
-def stable_somewhere(landscape: Landscape) -> bool:
-    """Whether any grid point gives a stable loop over the whole family."""
-    return bool((landscape.slack["spectral radius"] > 0).any())
-
-
-def starting_points(landscape: Landscape) -> list[tuple[float, float]]:
-    """Return (zeta, omega_n) of the best local minima among the feasible grid points.
-
-    Without a feasible point: the one that is closest to being so.
-    """
-    feasible = landscape.feasible
-    if not feasible.any():
-        worst = np.min([np.nan_to_num(s, nan=-1e6) for s in landscape.slack.values()], axis=0)
-        worst = np.where(np.isfinite(landscape.objective), worst, worst - 10.0)
-        i, j = np.unravel_index(int(np.argmax(worst)), worst.shape)
-        return [(float(landscape.zeta[i]), float(landscape.omega_n[j]))]
-    values = np.where(feasible, landscape.objective, np.inf)
-    padded = np.pad(values, 1, constant_values=np.inf)
-    shifts = [
-        padded[1 + di : 1 + di + GRID, 1 + dj : 1 + dj + GRID]
-        for di, dj in itertools.product((-1, 0, 1), repeat=2)
-        if (di, dj) != (0, 0)
-    ]
-    lowest = feasible & (values <= np.min(shifts, axis=0))
-    order = sorted(zip(*np.nonzero(lowest), strict=True), key=lambda ij: float(values[ij]))
-    return [(float(landscape.zeta[i]), float(landscape.omega_n[j])) for i, j in order[:STARTS]]
 
 
 def descend(
@@ -394,7 +338,7 @@ def _better(search: Search, best: Candidate, point: Array | None) -> Candidate:
     return found if found.feasible and found.value < best.value else best
 
 
-def worst_ratio(search: Search, x: Array, case: Case) -> tuple[float, Run]:
+def worst_ratio(search: Search, x: Array, case: TuningCase) -> tuple[float, TuningRun]:
     """Return the ratio of the interval at which the objective is largest, and the run there."""
     low, high = search.problem.family.ratios
     ratios = [float(r) for r in np.linspace(low, high, SCAN)] if high > low else [low]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design.design import Design, PoleSpec
-from maglev_design.tune.problem import design_at
+from maglev_design.tune.evaluation import design_at
 from maglev_design.tune.result import TuneResult
 
 Array = NDArray[np.float64]

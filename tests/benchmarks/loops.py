@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rigs import SHORT, rig_with
 
 from maglev_design.design import Design, PoleSpec, make_design, plant_beta, reference_path
-from maglev_design.parameters import Rig, load_rig
+from maglev_design.rig import Rig, load_rig
 from maglev_design.simulate import (
     LoopGraph,
     Scenario,

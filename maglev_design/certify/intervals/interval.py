@@ -30,7 +30,7 @@ from maglev_design.certify.numbers import as_designed, fraction, rational
 from maglev_design.certify.rationals import decimal
 from maglev_design.design import Design
 from maglev_design.options import Equilibrium
-from maglev_design.parameters import Rig
+from maglev_design.rig import Rig
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic import robustness, stability
 from maglev_design.symbolic.linearisation import linearise

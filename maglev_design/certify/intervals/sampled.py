@@ -26,7 +26,7 @@ from maglev_design.certify.numbers import as_run, fraction
 from maglev_design.design import Design
 from maglev_design.lowering import Program, lower
 from maglev_design.options import Controller, Method
-from maglev_design.parameters import Rig
+from maglev_design.rig import Rig
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic import robustness, stability
 from maglev_design.symbolic.linearisation import linearise

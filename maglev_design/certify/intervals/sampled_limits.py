@@ -23,7 +23,7 @@ from maglev_design.certify.intervals.routh import is_hurwitz
 from maglev_design.certify.intervals.sampled import Setting, Timing, enclose, parts, timing
 from maglev_design.certify.intervals.sampled_path import nominal_quotients, proved_over
 from maglev_design.certify.rationals import decimal
-from maglev_design.parameters import LONGEST_PERIOD, MOST_DELAYED_PERIODS
+from maglev_design.rig import LONGEST_PERIOD, MOST_DELAYED_PERIODS
 
 GAPS = 7
 """Gaps at which eigenvalues are computed."""

@@ -22,14 +22,19 @@ from typing import Any
 from maglev_design.certify.lyapunov import fields
 from maglev_design.certify.lyapunov.enclosure import Polytope, enclose
 from maglev_design.certify.lyapunov.exact import Matrix, failing, is_positive_definite
-from maglev_design.certify.lyapunov.family import Claim, Subject, state_names, subject
+from maglev_design.certify.lyapunov.family import (
+    CertificateClaim,
+    ExactSubject,
+    state_names,
+    subject,
+)
 from maglev_design.certify.lyapunov.lmi import LOOPS, LmiCertificate, as_strings
 from maglev_design.certify.lyapunov.words import claim_in_words, controller_in_words
 from maglev_design.design import Design, difference_coefficients
 from maglev_design.errors import InputError
 from maglev_design.files import digest, read_document, write_bytes
 from maglev_design.options import SCHEMA_VERSION, TAN_GPI
-from maglev_design.parameters import Rig
+from maglev_design.rig import Rig
 
 KIND = "maglev-design-certificate"
 CERTIFICATE_VERSION = 2
@@ -48,7 +53,7 @@ _ENTRY = ("loop", "family", *_PROOF, "decay")
 
 
 @dataclass(frozen=True)
-class Check:
+class CertificateCheck:
     """One thing that was verified: its name, whether it holds, and what was seen."""
 
     name: str
@@ -62,14 +67,14 @@ class CheckResult:
 
     Attributes
     ----------
-    checks : tuple of Check
+    checks : tuple of CertificateCheck
     controller_sha256 : str
     controller, claims : str and tuple of str
         Of which controller the document speaks and what it claims, in words; true where every check
         passed.
     """
 
-    checks: tuple[Check, ...]
+    checks: tuple[CertificateCheck, ...]
     controller_sha256: str
     controller: str
     claims: tuple[str, ...]
@@ -176,14 +181,14 @@ def check(path: Path, against: tuple[Design, Rig] | None = None) -> CheckResult:
     return CheckResult(tuple(checks), of.sha256, controller_in_words(of), tuple(claims))
 
 
-def _whole(data: dict[str, Any]) -> Check:
+def _whole(data: dict[str, Any]) -> CertificateCheck:
     same = data["sha256"] == digest(data)
-    return Check(
+    return CertificateCheck(
         "sha256", same, "as written" if same else "the document was changed after it was written"
     )
 
 
-def _equation(of: Subject) -> Check:
+def _equation(of: ExactSubject) -> CertificateCheck:
     """Return the check that the difference equation is the one that the gains make."""
     numbers = of.numbers
     low, high = numbers["voltage_limits"]
@@ -194,31 +199,33 @@ def _equation(of: Subject) -> Check:
         math.isclose(x, math.inf if listed[name] is None else listed[name], rel_tol=ROUNDING)
         for name, x in made.items()
     )
-    return Check(
+    return CertificateCheck(
         "difference equation",
         same,
         f"{'that' if same else 'not that'} of the gains, by {of.method}, to {ROUNDING:g}",
     )
 
 
-def _same(of: Subject, design: Design, rig: Rig) -> list[Check]:
+def _same(of: ExactSubject, design: Design, rig: Rig) -> list[CertificateCheck]:
     """Return the checks that the document speaks of this controller on this rig."""
     mine, theirs = subject(design, rig), of.sha256
     same = mine.sha256 == theirs
     differing = [name for name in _RIG if getattr(of, name) != getattr(mine, name)]
     return [
-        Check(
+        CertificateCheck(
             "controller",
             same,
             f"{theirs}, the design's"
             if same
             else f"the certificate is of {theirs}, the design is {mine.sha256}",
         ),
-        Check("rig", not differing, f"differs in {', '.join(differing)}" if differing else of.rig),
+        CertificateCheck(
+            "rig", not differing, f"differs in {', '.join(differing)}" if differing else of.rig
+        ),
     ]
 
 
-def _checked(of: Subject, entry: Any, where: str) -> tuple[str, list[Check]]:
+def _checked(of: ExactSubject, entry: Any, where: str) -> tuple[str, list[CertificateCheck]]:
     """Return what one certificate claims, and its checks."""
     if not isinstance(entry, dict):
         raise InputError(f"{where}: must be a table")
@@ -229,7 +236,7 @@ def _checked(of: Subject, entry: Any, where: str) -> tuple[str, list[Check]]:
         fields.pair(family, name, f"{where}.family") for name in ("gaps", "ratios", "shifts")
     )
     held = _flag(family["voltage_held"], f"{where}.family.voltage_held")
-    over = Claim(loop, gaps, ratios, shifts, held)
+    over = CertificateClaim(loop, gaps, ratios, shifts, held)
     names = list(state_names(of, loop))
     scale = fields.rationals(entry["scaling"], len(names), f"{where}.scaling")
     P = tuple(
@@ -243,13 +250,13 @@ def _checked(of: Subject, entry: Any, where: str) -> tuple[str, list[Check]]:
     period = of.period if loop == "sampled" else None
     same = entry["vertices"] == listed and entry["remainder"] == str(polytope.remainder)
     return claim_in_words(of, over, decay), [
-        Check(f"{label}: states", entry["states"] == names, ", ".join(names)),
-        Check(
+        CertificateCheck(f"{label}: states", entry["states"] == names, ", ".join(names)),
+        CertificateCheck(
             f"{label}: vertices",
             same,
             f"{len(listed)} computed anew, {'the' if same else 'not the'} listed ones",
         ),
-        Check(
+        CertificateCheck(
             f"{label}: P > 0",
             is_positive_definite(P),
             "every pivot of L D L' must be positive",
@@ -271,19 +278,25 @@ def _decrease(
     P: Matrix,
     decay: Fraction,
     period: Fraction | None,
-) -> Check:
+) -> CertificateCheck:
     """Return the check of the inequality; not worth its time for vertices of another family."""
     if not looked_at:
-        return Check(name, False, "not looked at: the listed vertices are not the family's")
+        return CertificateCheck(
+            name, False, "not looked at: the listed vertices are not the family's"
+        )
     if decay < 0:
-        return Check(name, False, "the claimed decay is negative")
+        return CertificateCheck(name, False, "the claimed decay is negative")
     bad = failing(polytope.vertices, P, decay=decay, remainder=polytope.remainder, period=period)
     if bad:
-        return Check(name, False, f"V does not fall at vertex {', '.join(map(str, bad))}")
-    return Check(name, True, f"V falls at every vertex, with a decay of {float(decay):.6g} 1/s")
+        return CertificateCheck(
+            name, False, f"V does not fall at vertex {', '.join(map(str, bad))}"
+        )
+    return CertificateCheck(
+        name, True, f"V falls at every vertex, with a decay of {float(decay):.6g} 1/s"
+    )
 
 
-def _subject(data: dict[str, Any]) -> Subject:
+def _subject(data: dict[str, Any]) -> ExactSubject:
     """Return the exact numbers of a document; none of them impossible, none contradicting."""
     rig, numbers = fields.table(data, "rig", ("name", *_RIG)), fields.controller(data)
     if not isinstance(rig["name"], str):
@@ -291,7 +304,7 @@ def _subject(data: dict[str, Any]) -> Subject:
     plant = {name: fields.rational(rig[name], f"rig.{name}") for name in _RIG}
     for name, unit in (("gravity", "m/s^2"), ("beta", "m^3/(s^2 V^2)")):
         fields.positive(plant[name], f"rig.{name}", unit)
-    of = Subject(numbers, rig["name"], **plant)
+    of = ExactSubject(numbers, rig["name"], **plant)
     if of.delay < 0:
         raise InputError(f"rig.delay = {rig['delay']} [s]: must be 0 or more")
     if of.gap + of.gap_offset <= 0:

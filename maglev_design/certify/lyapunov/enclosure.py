@@ -1,7 +1,7 @@
 """A polytope of rational vertices around a family of loops, and why it contains the family.
 
 A member is a gap y of [y_1, y_2] and a ratio beta_c/beta of [r_1, r_2]; an uncertain y0 makes of
-it a few such rectangles (:meth:`maglev_design.certify.lyapunov.family.Claim.boxes`). By
+it a few such rectangles (:meth:`maglev_design.certify.lyapunov.family.CertificateClaim.boxes`). By
 :mod:`maglev_design.symbolic.closed_loop` its state matrix depends on
 
     q = (Y + y0)/(y + y0), on the gap alone,  and  m = C_U'(Y)/C_U^, on the ratio alone.
@@ -53,9 +53,9 @@ from typing import Any, NamedTuple
 
 from maglev_design.certify.lyapunov.exact import Matrix
 from maglev_design.certify.lyapunov.family import (
-    Claim,
+    CertificateClaim,
+    ExactSubject,
     NotEnclosedError,
-    Subject,
     Vector,
     check_family,
 )
@@ -88,7 +88,7 @@ class Polytope:
     remainder: Fraction
 
 
-def enclose(of: Subject, over: Claim, scale: Sequence[Fraction]) -> Polytope:
+def enclose(of: ExactSubject, over: CertificateClaim, scale: Sequence[Fraction]) -> Polytope:
     """Return the polytope of a claim in the states S x.
 
     Raises
@@ -144,13 +144,13 @@ class _Point(NamedTuple):
     fall: Fraction
 
 
-def _point(of: Subject, gap: Fraction | None = None, ratio: Fraction = Fraction(1)) -> _Point:
+def _point(of: ExactSubject, gap: Fraction | None = None, ratio: Fraction = Fraction(1)) -> _Point:
     """Return what a member's matrix is made of; the gap is Y by default."""
     numbers = (of.gravity, of.beta, of.gap_offset, of.gap, of.C_U_hat)
     return _Point(*_design_gap_program().exact(*numbers, of.gap if gap is None else gap, ratio))
 
 
-def _gain_ends(of: Subject, ratios: tuple[Fraction, Fraction]) -> tuple[Fraction, Fraction]:
+def _gain_ends(of: ExactSubject, ratios: tuple[Fraction, Fraction]) -> tuple[Fraction, Fraction]:
     """Return m at both ends, outwards; m falls with the ratio."""
     weak, strong = (root(_point(of, ratio=ratio).gain_squared) for ratio in ratios)
     return weak[1], strong[0]
@@ -183,7 +183,7 @@ def _continuous_program() -> Program:
     return lower(inputs, _entries(cl.continuous_matrix(law())))
 
 
-def _continuous(of: Subject, q: Fraction, gain: Fraction) -> Matrix:
+def _continuous(of: ExactSubject, q: Fraction, gain: Fraction) -> Matrix:
     values = _continuous_program().exact(gain * q, _point(of).C_Y * q, of.C_Y_hat, *of.gains)
     return _matrix(values)
 
@@ -211,7 +211,7 @@ def _sampled_program(method: Method, whole: int, partial: bool) -> Program:
 
 
 def _sampled(
-    of: Subject, span: Sequence[Fraction], gains: Sequence[Fraction], scale: Sequence[Fraction]
+    of: ExactSubject, span: Sequence[Fraction], gains: Sequence[Fraction], scale: Sequence[Fraction]
 ) -> tuple[list[Matrix], Fraction]:
     """Return A at every control point and end of m, and the norm of what they miss."""
     program = _sampled_program(of.method, of.whole, of.part > 0)
@@ -236,7 +236,7 @@ def _sampled(
     return members, max(norm_missed(gain) for gain in gains)
 
 
-def hold_series(of: Subject, q_max: Fraction) -> list[Series]:
+def hold_series(of: ExactSubject, q_max: Fraction) -> list[Series]:
     """Return the series of :data:`maglev_design.symbolic.closed_loop.HOLD`, in its order."""
     period, held, rest = of.period, of.period - of.part, _point(of).C_Y
     degree = _degree(rest * period**2 * q_max)

@@ -18,10 +18,11 @@ from maglev_design.certify.numbers import check_same_rig
 from maglev_design.certify.rationals import decimal
 from maglev_design.design import Design
 from maglev_design.errors import InputError
+from maglev_design.family import family_of, rectangle
 from maglev_design.files import digest, finite
 from maglev_design.options import TAN_GPI, Equilibrium, Method
-from maglev_design.parameters import Rig
 from maglev_design.programs import derived, law
+from maglev_design.rig import Rig
 
 LoopName = Literal["continuous", "sampled"]
 Vector = tuple[Fraction, ...]
@@ -39,7 +40,7 @@ class NotEnclosedError(InputError):
 
 
 @dataclass(frozen=True)
-class Subject:
+class ExactSubject:
     """Controller and plant, every number exact; SI units.
 
     Attributes
@@ -116,7 +117,7 @@ class Subject:
 
 
 @dataclass(frozen=True)
-class Claim:
+class CertificateClaim:
     """Which loop, over which gaps and plants.
 
     Attributes
@@ -146,17 +147,15 @@ class Claim:
         the ratio depends on the shift, the shifts are cut into pieces and on each the extremes of
         both are taken: more than the family, never less.
         """
-        (low, high), (weak, strong), (first, last) = self.gaps, self.ratios, self.shifts
-        if not self.held or first == last == 0:
-            yield (low + first, high + last), self.ratios
-            return
-        step = (last - first) / HELD_PIECES
-        for n in range(HELD_PIECES if step else 1):
-            a, b = first + n * step, first + (n + 1) * step
-            yield (low + a, high + b), (weak * (Z / (Z + b)) ** 2, strong * (Z / (Z + a)) ** 2)
+        first, last = self.shifts
+        pieces = HELD_PIECES if self.held and last > first else 1
+        step = (last - first) / pieces
+        for n in range(pieces):
+            piece = first + n * step, first + (n + 1) * step
+            yield rectangle(self.gaps, self.ratios, piece, Z if self.held else None)
 
 
-def subject(design: Design, rig: Rig) -> Subject:
+def subject(design: Design, rig: Rig) -> ExactSubject:
     """Return the exact numbers of `design` on `rig`.
 
     Raises
@@ -170,7 +169,7 @@ def subject(design: Design, rig: Rig) -> Subject:
             "loop's dependence on the gap is known in closed form"
         )
     check_same_rig(rig, design)
-    return Subject(
+    return ExactSubject(
         numbers=finite(design.numbers),
         rig=rig.name,
         gravity=decimal(rig.plant.gravity),
@@ -186,8 +185,8 @@ def claim(
     beta_error: Fraction | None = None,
     gap_range: tuple[float, float] | None = None,
     equilibrium: Equilibrium = "model",
-) -> Claim:
-    """Return the claim over the family of :func:`maglev_design.linear_loop.family`.
+) -> CertificateClaim:
+    """Return the claim over the family of :func:`maglev_design.family.family_of`.
 
     Parameters
     ----------
@@ -196,15 +195,13 @@ def claim(
     gap_range : tuple of float, optional
         [m]; default: the hull of path, initial gap and Y.
     """
-    from maglev_design.linear_loop import family  # noqa: PLC0415 - CasADi, which a checker can do without
-
-    over = family(rig, equilibrium, None if beta_error is None else float(beta_error))
+    over = family_of(rig, equilibrium, None if beta_error is None else float(beta_error))
     ends = over.gaps if gap_range is None else gap_range
     if not all(math.isfinite(end) for end in ends):
         raise InputError(f"gap range = [{ends[0]:g}, {ends[-1]:g}] m: both ends must be finite")
     ratios = _pair(over.ratios) if beta_error is None else (1 - beta_error, 1 + beta_error)
     gaps = decimal(min(ends)), decimal(max(ends))
-    return Claim(loop, gaps, ratios, _pair(over.shifts), over.held is not None)
+    return CertificateClaim(loop, gaps, ratios, _pair(over.shifts), over.held is not None)
 
 
 def _pair(ends: tuple[float, float]) -> Pair:
@@ -213,7 +210,7 @@ def _pair(ends: tuple[float, float]) -> Pair:
     return low, high
 
 
-def state_names(of: Subject, loop: LoopName) -> tuple[str, ...]:
+def state_names(of: ExactSubject, loop: LoopName) -> tuple[str, ...]:
     """Return the states in order: error, its rate, the controller's two, remembered efforts.
 
     Raises
@@ -233,14 +230,14 @@ def state_names(of: Subject, loop: LoopName) -> tuple[str, ...]:
     return (*own, *(f"b{n + 1}" for n in range(held)))
 
 
-def scaling(of: Subject, loop: LoopName) -> Vector:
+def scaling(of: ExactSubject, loop: LoopName) -> Vector:
     """Return S, which brings every state to metres: powers of a whole omega near k0^(1/4)."""
     omega = Fraction(max(1, round(float(of.gains[0]) ** 0.25)))
     held = len(state_names(of, loop)) - 4
     return (Fraction(1), 1 / omega, omega, omega, *([omega**-2] * held))
 
 
-def check_family(of: Subject, over: Claim, scale: Sequence[Fraction]) -> None:
+def check_family(of: ExactSubject, over: CertificateClaim, scale: Sequence[Fraction]) -> None:
     """Raise `InputError` for numbers with which the family makes no sense."""
     if len(scale) != len(state_names(of, over.loop)) or min(scale) <= 0:
         raise InputError("scaling: must be one positive number for each state")

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from maglev_design.certify.lyapunov.enclosure import Polytope, enclose
 from maglev_design.certify.lyapunov.exact import Matrix, failing, is_positive_definite
 from maglev_design.certify.lyapunov.family import (
-    Claim,
+    CertificateClaim,
+    ExactSubject,
     LoopName,
     NotEnclosedError,
-    Subject,
     claim,
     scaling,
     state_names,
@@ -31,7 +31,7 @@ from maglev_design.certify.lyapunov.family import (
 )
 from maglev_design.certify.rationals import decimal
 from maglev_design.design import Design
-from maglev_design.parameters import Rig
+from maglev_design.rig import Rig
 
 LOOPS: tuple[LoopName, ...] = ("continuous", "sampled")
 SOLVERS = ("CLARABEL", "SCS")
@@ -79,9 +79,9 @@ class LmiCertificate:
 
     Attributes
     ----------
-    subject : Subject
+    subject : ExactSubject
         Exact numbers of rig and controller.
-    claim : Claim
+    claim : CertificateClaim
     status : LmiStatus
     scale : tuple of Fraction
         S; P belongs to the states S x, all in metres. Empty when the family was not enclosed.
@@ -99,8 +99,8 @@ class LmiCertificate:
         The certificate of that u.
     """
 
-    subject: Subject
-    claim: Claim
+    subject: ExactSubject
+    claim: CertificateClaim
     status: LmiStatus
     scale: tuple[Fraction, ...]
     polytope: Polytope
@@ -232,7 +232,7 @@ def widest_sampled(
     return _widest(of, over, attempt(of, over))
 
 
-def _certify(of: Subject, over: Claim, *, bisect: bool) -> LmiCertificate:
+def _certify(of: ExactSubject, over: CertificateClaim, *, bisect: bool) -> LmiCertificate:
     plain = attempt(of, over)
     if not bisect or plain.status is LmiStatus.NOT_ENCLOSED:
         return plain
@@ -243,7 +243,9 @@ def _certify(of: Subject, over: Claim, *, bisect: bool) -> LmiCertificate:
     return replace(best, largest_beta_error=_error(widest.claim), widest=widest)
 
 
-def attempt(of: Subject, over: Claim, decay: Fraction = Fraction(0)) -> LmiCertificate:
+def attempt(
+    of: ExactSubject, over: CertificateClaim, decay: Fraction = Fraction(0)
+) -> LmiCertificate:
     """Return the certificate of a claim with at least the given decay, found or refused."""
     try:
         scale = scaling(of, over.loop)
@@ -333,7 +335,9 @@ def _fastest(known: LmiCertificate) -> LmiCertificate:
     return _bisected(known, DECAY_STEPS, lambda k: _solved(known, top * k / DECAY_STEPS))
 
 
-def _widest(of: Subject, over: Claim, known: LmiCertificate) -> LmiCertificate | None:
+def _widest(
+    of: ExactSubject, over: CertificateClaim, known: LmiCertificate
+) -> LmiCertificate | None:
     """Return the certificate of the largest error of beta, by bisection; None where none is."""
 
     def at(k: int) -> LmiCertificate:
@@ -349,7 +353,7 @@ def _widest(of: Subject, over: Claim, known: LmiCertificate) -> LmiCertificate |
     return _bisected(centre, int(u * BETA_STEPS) + 1, at) if centre.certified else None
 
 
-def _error(over: Claim) -> Fraction:
+def _error(over: CertificateClaim) -> Fraction:
     """Return the largest u whose ratios [1 - u, 1 + u] lie in a claim's."""
     return min(1 - over.ratios[0], over.ratios[1] - 1)
 

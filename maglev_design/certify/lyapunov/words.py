@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-from maglev_design.certify.lyapunov.family import Claim, Subject
+from maglev_design.certify.lyapunov.family import CertificateClaim, ExactSubject
 
 
-def controller_in_words(of: Subject) -> str:
+def controller_in_words(of: ExactSubject) -> str:
     """Return of which controller, on which rig, a certificate speaks."""
     numbers = of.numbers
     gains = ", ".join(f"{name} = {value:.8g}" for name, value in numbers["gains"].items())
@@ -21,7 +21,7 @@ def controller_in_words(of: Subject) -> str:
     )
 
 
-def claim_in_words(of: Subject, over: Claim, decay: Fraction) -> str:
+def claim_in_words(of: ExactSubject, over: CertificateClaim, decay: Fraction) -> str:
     """Return what a certificate says, on which plants, and of which loop."""
     (low, high), (weak, strong) = over.gaps, (f"{float(ratio):.6g}" for ratio in over.ratios)
     sampled = over.loop == "sampled"

@@ -26,7 +26,7 @@ from maglev_design.certify.region.proof import Check, check
 from maglev_design.certify.region.search import Candidate, find_form
 from maglev_design.design import Design
 from maglev_design.errors import InputError
-from maglev_design.parameters import Rig
+from maglev_design.rig import Rig
 
 Array = NDArray[np.float64]
 

@@ -33,7 +33,7 @@ from maglev_design import programs
 from maglev_design.design import Design
 from maglev_design.errors import InputError
 from maglev_design.lowering import Program, lower
-from maglev_design.parameters import Rig
+from maglev_design.rig import Rig
 from maglev_design.simulate.grid import contact_gap
 from maglev_design.symbolic import laws, sampling, stability
 from maglev_design.symbolic import plant as p

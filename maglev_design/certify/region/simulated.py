@@ -15,7 +15,7 @@ from maglev_design.certify.region.guaranteed import Region
 from maglev_design.design import Design
 from maglev_design.errors import InputError
 from maglev_design.options import Backend
-from maglev_design.parameters import ReferencePath, Rig
+from maglev_design.rig import ReferencePath, Rig
 from maglev_design.simulate import Scenario, loop_for, simulate_batch
 from maglev_design.simulate.grid import contact_gap
 

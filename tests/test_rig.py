@@ -13,7 +13,7 @@ from rigs import MINIMAL, SHORT, changed, rig_with
 
 from maglev_design.design import check_path_voltage
 from maglev_design.errors import InputError, MaglevError, nearest
-from maglev_design.parameters import (
+from maglev_design.rig import (
     LARGEST_RIG_FILE,
     Rig,
     Uncertainty,
