@@ -80,7 +80,7 @@ LEVEL = {room: n for n, floor in enumerate(FLOORS) for room in floor.rooms}
 
 HEAVY = {
     "sympy": {"symbolic", "lowering", "programs", "derivation", "certify", "paper", "report"},
-    "mpmath": {"certify"},
+    "flint": {"certify"},
     "casadi": {"lowering", "linear_loop", "simulate", "tune"},
     "cvxpy": {"certify"},
     "clarabel": {"certify"},
@@ -135,6 +135,7 @@ LONG = (
 LATE = {
     "sympy",
     "mpmath",
+    "flint",
     "casadi",
     "numpy",
     "control",

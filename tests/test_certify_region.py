@@ -11,18 +11,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sympy as sp
+from flint import fmpq, fmpq_mat
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from rigs import MINIMAL, OFFSET, rig_with
-from sympy import Matrix, Rational
 
+from maglev_design.certify.intervals.arithmetic import exact
 from maglev_design.certify.region.cells import FROZEN, RUNNING, Cell, enclose, modes
-from maglev_design.certify.region.guaranteed import Region, Status, guaranteed_region
+from maglev_design.certify.region.guaranteed import Region, RegionStatus, guaranteed_region
 from maglev_design.certify.region.model import Deviation, deviation, force_program, share, x
 from maglev_design.certify.region.proof import (
     MULTIPLIERS,
     Plane,
-    Verdict,
+    RegionVerdict,
     check,
     positive_definite,
     upper_form,
@@ -131,7 +132,7 @@ class Loop:
 
 
 def form(region: Region) -> Array:
-    return np.array(region.P / Rational(region.level.numerator, region.level.denominator), float)
+    return np.array((region.P / region.level).tolist(), float)
 
 
 def inside(region: Region, count: int, seed: int, radius: float | None = None) -> Array:
@@ -162,7 +163,7 @@ def test_the_region_contains_the_error_with_which_the_paper_starts(
     start = paper_rig.initial.gap - paper_rig.reference.start_gap
     assert start == pytest.approx(PAPER_ERROR)
     for one in (region, wide):
-        assert one.status is Status.GUARANTEED
+        assert one.status is RegionStatus.GUARANTEED
         assert one.contains(start, 0.0)
         assert one.contains(-start, 0.0)
 
@@ -205,7 +206,7 @@ def test_the_exact_model_is_the_loop_that_simulation_runs(paper_rig: Rig, design
     share_of_rest = np.clip(loop.rest + q, low, high) / loop.rest
     phi, *_ = force_program().numpy()(e / float(model.distance), share_of_rest)
     frozen = ((loop.rest + q > high) & (e > 0)) | ((loop.rest + q < low) & (e < 0))
-    matrices = np.array([model.running, model.frozen], dtype=float)
+    matrices = np.array([model.running.tolist(), model.frozen.tolist()], dtype=float)
     expected = np.einsum("nij,jn->in", matrices[frozen.astype(int)], z)
     expected[2] += float(model.gravity) * phi
     state = loop.state(z)
@@ -223,7 +224,7 @@ def test_the_start_under_mismatch_is_an_offset_of_the_command(
     model = deviation(paper_rig, design, (Fraction("1.1"),) * 2)
     loop = Loop(paper_rig, design, float(model.gap), 1.1)
     state = np.array([[float(model.gap) + 3e-4], [-0.02], [0.0], [0.0]])
-    start = [float(value) for value in model.start(Fraction(3e-4), Fraction(-0.02), model.rest[0])]
+    start = [float(value) for value in model.start(exact(3e-4), exact(-0.02), model.rest[0])]
     assert loop.deviations(state)[:, 0] == pytest.approx(start, rel=1e-9)
     assert start[1] - float(model.slope) * 3e-4 == pytest.approx(-0.1, abs=0.01)  # U_r - u_eq [V]
 
@@ -306,40 +307,43 @@ def test_the_sampled_law_has_a_map_too(paper_rig: Rig, design: Design) -> None:
 
 def test_the_proof_can_be_checked_again_and_not_for_more(region: Region) -> None:
     assert region.verified().proved
-    larger = check(region.model, region.P, region.level * Fraction(3, 2), region.pace)
-    assert larger.verdict is Verdict.NOT_FALLING
+    larger = check(region.model, region.P, region.level * fmpq(3, 2), region.pace)
+    assert larger.verdict is RegionVerdict.NOT_FALLING
     assert larger.place is not None
     huge = check(region.model, region.P, region.level * 10**6, region.pace)
-    assert huge.verdict is Verdict.LIMIT
+    assert huge.verdict is RegionVerdict.LIMIT
     assert huge.limit in {"gap", "integrator bound"}
 
 
 def test_a_wrong_model_is_refused(region: Region) -> None:
-    def refused(**changes: object) -> Verdict:
+    def refused(**changes: object) -> RegionVerdict:
         wrong = replace(region.model, **changes)  # type: ignore[arg-type]
         return check(wrong, region.P, region.level, region.pace).verdict
 
-    swapped = region.model.running.copy()
+    swapped = fmpq_mat(region.model.running)
     swapped[1, 2] = -swapped[1, 2]
-    assert refused(running=swapped) is Verdict.NOT_FALLING
-    held = region.model.frozen.copy()
+    assert refused(running=swapped) is RegionVerdict.NOT_FALLING
+    held = fmpq_mat(region.model.frozen)
     held[1, 2] = -held[1, 2]
-    assert refused(frozen=held) is Verdict.NOT_FALLING
-    assert refused(actuator=(Fraction(0), Fraction(5, 2))) is Verdict.NOT_FALLING
+    assert refused(frozen=held) is RegionVerdict.NOT_FALLING
+    assert refused(actuator=(fmpq(0), fmpq(5, 2))) is RegionVerdict.NOT_FALLING
     low, high = region.model.rest
-    assert refused(rest=(low * Fraction(7, 10), high)) is Verdict.NOT_FALLING
+    assert refused(rest=(low * fmpq(7, 10), high)) is RegionVerdict.NOT_FALLING
 
 
 def test_a_tampered_form_is_refused(region: Region) -> None:
-    turned = region.P.copy()
+    turned = fmpq_mat(region.P)
     turned[0, 1] = turned[1, 0] = -turned[0, 1]
     verdict = check(region.model, turned, region.level, region.pace).verdict
-    assert verdict in {Verdict.NOT_POSITIVE, Verdict.NOT_FALLING}
-    crooked = region.P.copy()
+    assert verdict in {RegionVerdict.NOT_POSITIVE, RegionVerdict.NOT_FALLING}
+    crooked = fmpq_mat(region.P)
     crooked[0, 1] = crooked[0, 1] + 1
-    assert check(region.model, crooked, region.level, region.pace).verdict is Verdict.NOT_POSITIVE
-    assert not positive_definite(Matrix([[1, 2], [2, 1]]))
-    assert positive_definite(Matrix([[2, 1], [1, 2]]))
+    assert (
+        check(region.model, crooked, region.level, region.pace).verdict
+        is RegionVerdict.NOT_POSITIVE
+    )
+    assert not positive_definite(fmpq_mat([[1, 2], [2, 1]]))
+    assert positive_definite(fmpq_mat([[2, 1], [1, 2]]))
 
 
 def test_the_force_is_monotonic_as_the_proof_uses_it() -> None:
@@ -370,8 +374,8 @@ def cells(seed: int, count: int) -> list[Cell]:
     rng = np.random.default_rng(seed)
     found = []
     for _ in range(count):
-        a, b = (Fraction(int(n), 64) for n in rng.integers(-64, 56, size=2))
-        width, height = (Fraction(int(n), 64) for n in rng.integers(1, 9, size=2))
+        a, b = (fmpq(int(n), 64) for n in rng.integers(-64, 56, size=2))
+        width, height = (fmpq(int(n), 64) for n in rng.integers(1, 9, size=2))
         found.append(Cell(a, a + width, b, b + height))
     return found
 
@@ -380,7 +384,7 @@ def test_the_enclosure_holds_the_force_at_every_point_of_a_cell(
     paper_rig: Rig, design: Design
 ) -> None:
     model = deviation(paper_rig, design, WIDE)
-    extents = (Fraction(1, 4), Fraction(4))
+    extents = (fmpq(1, 4), fmpq(4))
     rng = np.random.default_rng(8)
     low, high = 0.0, 5.0
     for cell in cells(7, 150):
@@ -393,7 +397,7 @@ def test_the_enclosure_holds_the_force_at_every_point_of_a_cell(
         ratio = np.clip(rest + 4 * b, low, high) / rest
         phi = 1 - ratio**2 / (1 + a / 4) ** 2
         centre = [float(value) for value in cell.centre]
-        slopes = [float(sum(pair)) / 2 for pair in (force.by_e, force.by_q)]
+        slopes = [float(pair[0] + pair[1]) / 2 for pair in (force.by_e, force.by_q)]
         line = float(force.middle) + slopes[0] * (a - centre[0]) + slopes[1] * (b - centre[1])
         assert (np.abs(phi - line) <= float(force.rest) + 1e-12).all()
         frozen = ((rest + 4 * b > high) & (a > 0)) | ((rest + 4 * b < low) & (a < 0))
@@ -403,8 +407,7 @@ def test_the_enclosure_holds_the_force_at_every_point_of_a_cell(
 @pytest.fixture(scope="module")
 def plane(wide: Region) -> Plane:
     """Return the inequality of the proof, on a plane of handy extents."""
-    P = wide.P / Rational(wide.level.numerator, wide.level.denominator)
-    return Plane(wide.model, P, (Fraction(1, 4), Fraction(4)), wide.pace)
+    return Plane(wide.model, wide.P / wide.level, (fmpq(1, 4), fmpq(4)), wide.pace)
 
 
 @pytest.mark.parametrize("mode", [FROZEN, RUNNING])
@@ -413,7 +416,7 @@ def test_the_forms_are_the_maximum_over_the_other_states(
 ) -> None:
     rng = np.random.default_rng(9)
     P, model = form(wide), wide.model
-    A = np.array((model.frozen, model.running)[mode], dtype=float)
+    A = np.array((model.frozen, model.running)[mode].tolist(), dtype=float)
     scale = np.sqrt(np.diag(np.linalg.inv(P)))
     gravity = float(model.gravity)
     for pick in (0, 8, 16, 24):
@@ -444,11 +447,11 @@ def test_a_rounded_form_is_an_upper_bound() -> None:
     for n in (2, 3):
         for _ in range(50):
             draws = rng.integers(-(10**18), 10**18, size=n * n).tolist()
-            half = Matrix(n, n, [Rational(draw, 10**17) for draw in draws])
-            S = half + half.T
-            rounded = Matrix(upper_form(S))
-            assert positive_definite(rounded - S)
-            assert max(abs(x) for x in rounded - S) < max(abs(x) for x in S) / 10**9
+            half = fmpq_mat(n, n, draws) / 10**17
+            S = half + half.transpose()
+            added = fmpq_mat(upper_form(S)) - S
+            assert positive_definite(added)
+            assert max(abs(x) for x in added.entries()) < max(abs(x) for x in S.entries()) / 10**9
 
 
 @pytest.mark.parametrize("mode", [FROZEN, RUNNING])
@@ -478,7 +481,7 @@ def test_a_rig_with_an_offset_has_a_region() -> None:
     speed = 2 * math.sqrt(2 * rig.plant.gravity / (0.010 + 0.0042))
     design = make_design(rig, PoleSpec.double(1, speed))
     found = guaranteed_region(rig, design, (0.95, 1.05), gap=0.011)
-    assert found.status is Status.GUARANTEED
+    assert found.status is RegionStatus.GUARANTEED
     assert found.reach[1] > 0.05 * 0.011
     near = simulated_map(rig, design, region_extent(found), points=11, ratio=0.95, gap=0.011)
     assert contradictions(found, near) == ()
@@ -486,7 +489,7 @@ def test_a_rig_with_an_offset_has_a_region() -> None:
 
 def test_what_is_unstable_has_no_region(paper_rig: Rig, design: Design) -> None:
     found = guaranteed_region(paper_rig, design, (0.05, 1.0))
-    assert found.status is Status.NO_FORM
+    assert found.status is RegionStatus.NO_FORM
     assert found.area == 0.0
     assert found.reach == (0.0, 0.0)
     assert not found.contains(0.0, 0.0)
@@ -513,15 +516,15 @@ def test_a_rig_without_a_largest_voltage_has_no_bound_of_the_integrator(design: 
     rig = rig_with(MINIMAL, {"limits": {"gap": [0.001, 0.05]}})
     model: Deviation = deviation(rig, design, ONE)
     assert [limit.name for limit in model.limits] == ["gap"]
-    assert model.actuator == (Fraction(0), None)
+    assert model.actuator == (fmpq(0), None)
 
 
 def test_the_document_holds_what_a_check_needs(region: Region) -> None:
     document = region.as_dict()
     assert document["states"] == ["e", "q", "v", "x2"]
-    P = Matrix([[Rational(entry) for entry in row] for row in document["P"]])
+    P = fmpq_mat([[exact(Fraction(entry)) for entry in row] for row in document["P"]])
     assert P == region.P
-    assert Fraction(document["level"]) == region.level
+    assert exact(Fraction(document["level"])) == region.level
     assert document["area"] == region.area
 
 
@@ -553,6 +556,6 @@ def test_presets_other_than_the_papers_have_regions_that_survive() -> None:
     point = rig.operating_point.gap + rig.plant.gap_offset
     design = make_design(rig, PoleSpec.double(1, 2 * math.sqrt(2 * rig.plant.gravity / point)))
     found = guaranteed_region(rig, design)
-    assert found.status is Status.GUARANTEED
+    assert found.status is RegionStatus.GUARANTEED
     near = simulated_map(rig, design, region_extent(found), points=11)
     assert contradictions(found, near) == ()

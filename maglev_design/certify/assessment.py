@@ -14,7 +14,11 @@ from maglev_design.certify import margins
 from maglev_design.certify.intervals import interval
 from maglev_design.certify.intervals.sampled import setting, timing
 from maglev_design.certify.intervals.sampled_interval import sampled_ratios_at
-from maglev_design.certify.intervals.sampled_limits import Limit, largest_delay, largest_period
+from maglev_design.certify.intervals.sampled_limits import (
+    TimeLimit,
+    largest_delay,
+    largest_period,
+)
 from maglev_design.certify.intervals.sampled_path import sampled_ratios_over
 from maglev_design.certify.intervals.spans import StableSet
 from maglev_design.certify.margins import Margins, PointMargins
@@ -97,7 +101,7 @@ class Assessment:
         Continuous loop: gaps at exact beta.
     sampled_at_y, sampled_over_gaps : StableSet
         Sampled loop: ratios; over the family's gaps those around exact beta.
-    period, delay : Limit
+    period, delay : TimeLimit
         Exact beta, every gap of the family.
     spectral_radius : Extreme
         Largest over a grid of the family.
@@ -112,8 +116,8 @@ class Assessment:
     gaps: StableSet
     sampled_at_y: StableSet
     sampled_over_gaps: StableSet
-    period: Limit
-    delay: Limit
+    period: TimeLimit
+    delay: TimeLimit
     spectral_radius: Extreme
     continuous: tuple[PointMargins, ...]
     sampled: tuple[PointMargins, ...]

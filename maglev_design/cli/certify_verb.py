@@ -44,7 +44,7 @@ class Request:
 def certify(request: Request, output: Path | None, *, force: bool, as_json: bool) -> None:
     """Assess, print, save."""
     from maglev_design.certify.assessment import assess  # noqa: PLC0415
-    from maglev_design.certify.region.guaranteed import Status, status_as_data  # noqa: PLC0415
+    from maglev_design.certify.region.guaranteed import RegionStatus, status_as_data  # noqa: PLC0415
     from maglev_design.design import voltage_warning  # noqa: PLC0415
 
     own, beta_error = _subject(request)
@@ -61,7 +61,7 @@ def certify(request: Request, output: Path | None, *, force: bool, as_json: bool
             if found.spectral_radius.value < 1:
                 region = _region(own, progress)
             else:
-                refused = status_as_data(Status.SAMPLED_UNSTABLE)
+                refused = status_as_data(RegionStatus.SAMPLED_UNSTABLE)
     document = {"rig": own.rig.name, **found.as_dict()}
     document["lmi"] = [certificate.as_dict() for certificate in certificates]
     document["region"] = region.as_dict() if region else refused

@@ -1,128 +1,122 @@
-"""Interval arithmetic with many digits: mpmath's, in a context of its own."""
+"""Intervals with many digits: Arb's balls, between exact rationals and what is asked of them.
+
+A ball encloses a number whatever the precision, which :func:`working` sets. A comparison of balls
+is true only where it is known to be.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from fractions import Fraction
-from functools import cached_property
-from math import comb
+from operator import add, mul, neg, sub, truediv
 from typing import Any
 
+from flint import arb, arb_poly, ctx, fmpq
 from sympy import Poly
-
-from maglev_design.certify.intervals.jets import Jet, operators
-from maglev_design.lowering import Program
 
 PRECISION = 320
 """[bit] Of every enclosure; a hundred more than the coefficients of fifteen poles cancel."""
+LONGEST = 100
+"""Terms of a power series, beyond which Arb cuts it off."""
 DEEPEST = 60
 """Halvings after which a sign that is still open is called undecided."""
 
-
-@dataclass(frozen=True)
-class Arithmetic:
-    """Outward-rounded intervals; a comparison that an interval leaves open answers None."""
-
-    precision: int = PRECISION
-    context: Any = field(init=False, compare=False, repr=False)
-
-    def __post_init__(self) -> None:
-        from mpmath.ctx_iv import MPIntervalContext  # noqa: PLC0415 - heavy, and needed only here
-
-        context = MPIntervalContext()
-        context.prec = self.precision
-        object.__setattr__(self, "context", context)
-
-    def number(self, exact: Fraction | int) -> Any:
-        """Return the narrowest enclosure of a rational."""
-        exact = Fraction(exact)
-        return self.context.mpf(exact.numerator) / self.context.mpf(exact.denominator)
-
-    def between(self, low: Fraction, high: Fraction) -> Any:
-        """Return an enclosure of [low, high]."""
-        return self.context.mpf([self.number(low).a, self.number(high).b])
-
-    def sqrt(self, number: Any) -> Any:
-        """Return the square root."""
-        return self.context.sqrt(number)
-
-    def polynomial(self, polynomial: Poly, *values: Any) -> Any:
-        """Return a rational polynomial at enclosed values, by Horner's rule in the first one."""
-        total = self.number(0)
-        powers: dict[int, Any] = {}
-        for monomial, coefficient in polynomial.terms():
-            term = self.number(Fraction(int(coefficient.p), int(coefficient.q)))
-            for value, exponent in zip(values[1:], monomial[1:], strict=True):
-                term = term * value**exponent
-            powers[monomial[0]] = powers.get(monomial[0], self.number(0)) + term
-        for exponent in range(max(powers, default=0), -1, -1):
-            total = total * values[0] + powers.get(exponent, self.number(0))
-        return total
-
-    def bernstein(self, coefficients: Sequence[Any], low: Any, high: Any) -> list[Any]:
-        """Return the Bernstein coefficients on [low, high] of a polynomial, highest first."""
-        degree, ascending = len(coefficients) - 1, list(coefficients[::-1])
-        width = high - low
-        shifted = list(ascending)
-        for n in range(degree):  # Taylor shift by low
-            for k in range(degree - 1, n - 1, -1):
-                shifted[k] = shifted[k] + low * shifted[k + 1]
-        scaled = [c * width**n for n, c in enumerate(shifted)]
-        return [
-            sum(
-                (
-                    scaled[k] * self.number(Fraction(comb(j, k), comb(degree, k)))
-                    for k in range(j + 1)
-                ),
-                self.number(0),
-            )
-            for j in range(degree + 1)
-        ]
-
-    def keeps_sign(self, coefficients: Sequence[Any], low: Fraction, high: Fraction) -> bool:
-        """Whether a polynomial, highest power first, is known to have no zero in [low, high]."""
-        open_boxes = [(low, high, 0)]
-        while open_boxes:
-            a, b, depth = open_boxes.pop()
-            signs = self.bernstein(coefficients, self.number(a), self.number(b))
-            if all((c > 0) is True for c in signs) or all((c < 0) is True for c in signs):
-                continue
-            if depth == DEEPEST or a == b:
-                return False
-            middle = (a + b) / 2
-            open_boxes += [(a, middle, depth + 1), (middle, b, depth + 1)]
-        return True
-
-    def upper(self, enclosed: Any) -> Fraction:
-        """Return the upper end of an enclosure."""
-        return _exact(enclosed.b)
-
-    def lower(self, enclosed: Any) -> Fraction:
-        """Return the lower end of an enclosure."""
-        return _exact(enclosed.a)
-
-    def horner(self, coefficients: Sequence[Any], value: Any) -> Any:
-        """Return a polynomial, highest power first, at an enclosed value."""
-        total = coefficients[0]
-        for coefficient in coefficients[1:]:
-            total = total * value + coefficient
-        return total
-
-    @cached_property
-    def _operators(self) -> Mapping[str, Callable[..., Jet]]:
-        return operators(self.context)
-
-    def run(self, program: Program, *values: Jet, wrap: Callable[[Fraction], Jet]) -> list[Jet]:
-        """Run a lowered program, whose constants are doubles exactly, on jets."""
-        own = dict(self._operators)
-        return program.evaluate(own, *values, constant=lambda x: wrap(Fraction(x)))
+OPERATORS: Mapping[str, Callable[..., Any]] = {
+    "add": add,
+    "sub": sub,
+    "mul": mul,
+    "div": truediv,
+    "neg": neg,
+    "sqrt": lambda x: x.sqrt(),
+    "exp": lambda x: x.exp(),
+    "sinh": lambda x: (x.exp() - (-x).exp()) / 2,
+    "cosh": lambda x: (x.exp() + (-x).exp()) / 2,
+}
+"""What a lowered program needs to run on enclosed numbers, on series of them and on rationals."""
 
 
-def _exact(end: Any) -> Fraction:
-    """Return an end of an enclosure, a binary fraction, exactly."""
-    sign, mantissa, exponent, _ = end._mpi_[0]
-    if exponent == "inf" or (not mantissa and exponent):
+@contextmanager
+def working(precision: int = PRECISION) -> Iterator[None]:
+    """Compute with this many bits meanwhile."""
+    cap = ctx.cap
+    with ctx.workprec(precision):
+        ctx.cap = LONGEST
+        try:
+            yield
+        finally:
+            ctx.cap = cap
+
+
+def exact(number: Fraction | float) -> fmpq:
+    """Return a number as it is."""
+    return fmpq(*number.as_integer_ratio())
+
+
+def number(rational: Fraction | int) -> arb:
+    """Return an enclosure of a rational, as narrow as the precision."""
+    return arb(exact(rational))
+
+
+def between(low: Fraction, high: Fraction) -> arb:
+    """Return an enclosure of [low, high]."""
+    return number(low).union(number(high))
+
+
+def upper(enclosed: arb) -> Fraction:
+    """Return a number that is not below the enclosed one."""
+    return _exact(enclosed.upper())
+
+
+def lower(enclosed: arb) -> Fraction:
+    """Return a number that is not above the enclosed one."""
+    return _exact(enclosed.lower())
+
+
+def _exact(end: arb) -> Fraction:
+    if not end.is_finite():
         raise ArithmeticError("an enclosure without end")
-    size = Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
-    return -size if sign else size
+    rational = end.fmpq()
+    return Fraction(int(rational.numerator), int(rational.denominator))
+
+
+def sign(enclosed: arb) -> int:
+    """Return 1 or -1, or 0 where it is open."""
+    return int(enclosed > 0) - int(enclosed < 0)
+
+
+def at(polynomial: Poly, *values: arb) -> arb:
+    """Return a rational polynomial at enclosed values, by Horner's rule in the first one."""
+    powers: dict[int, arb] = {}
+    for monomial, coefficient in polynomial.terms():
+        term = arb(fmpq(int(coefficient.p), int(coefficient.q)))
+        for value, exponent in zip(values[1:], monomial[1:], strict=True):
+            term *= value**exponent
+        powers[monomial[0]] = powers.get(monomial[0], arb(0)) + term
+    return arb_poly([powers.get(n, arb(0)) for n in range(max(powers, default=0) + 1)])(values[0])
+
+
+def bernstein_signs(coefficients: Sequence[arb], low: Fraction, high: Fraction) -> list[int]:
+    """Return the signs of the Bernstein coefficients on [low, high], from low to high, 0 for open.
+
+    Of p(low + (high - low) t), lowest first, they are up to positive factors the coefficients of
+    (1 + s)^n p(s/(1 + s)), by Taylor's shift of p with its coefficients the other way round.
+    """
+    size = len(coefficients)
+    moved = arb_poly(coefficients)(arb_poly([number(low), number(high - low)]))
+    shifted = arb_poly([moved[n] for n in range(size - 1, -1, -1)])(arb_poly([1, 1]))
+    return [sign(shifted[n]) for n in range(size - 1, -1, -1)]
+
+
+def keeps_sign(coefficients: Sequence[arb], low: Fraction, high: Fraction) -> bool:
+    """Whether a polynomial, lowest power first, is known to have no zero in [low, high]."""
+    open_boxes = [(low, high, 0)]
+    while open_boxes:
+        a, b, depth = open_boxes.pop()
+        if abs(sum(bernstein_signs(coefficients, a, b))) == len(coefficients):
+            continue
+        if depth == DEEPEST or a == b:
+            return False
+        middle = (a + b) / 2
+        open_boxes += [(a, middle, depth + 1), (middle, b, depth + 1)]
+    return True

@@ -18,12 +18,13 @@ from functools import cache
 from math import isqrt
 
 import sympy as sp
+from flint import arb
 from sympy import Expr, Poly
 
 from maglev_design import programs
 from maglev_design.certify.intervals import algebraic
 from maglev_design.certify.intervals.algebraic import Root
-from maglev_design.certify.intervals.arithmetic import Arithmetic
+from maglev_design.certify.intervals.arithmetic import at, between, keeps_sign, number, working
 from maglev_design.certify.intervals.routh import is_hurwitz
 from maglev_design.certify.intervals.spans import End, Span, StableSet, unite
 from maglev_design.certify.numbers import as_designed, fraction, rational
@@ -114,8 +115,8 @@ def ratios_at(loop: ExactLoop, gap: float) -> StableSet:
     roots = algebraic.positive_roots([Poly(f, V) for f in boundary])
     stable = [loop.stable_at(v, exact) for v in algebraic.between(roots)]
     stable = stable if not any(f.is_zero for f in boundary) else [False] * len(stable)
-    at = loop_at(loop, gap=exact)
-    spans = unite(_ratio_ends(loop, roots), stable, lambda n: _passes(at, roots[n]))
+    here = loop_at(loop, gap=exact)
+    spans = unite(_ratio_ends(loop, roots), stable, lambda n: _passes(here, roots[n]))
     return StableSet((gap, gap), spans, loop.recomputed)
 
 
@@ -138,10 +139,10 @@ def ratios_over(loop: ExactLoop, gaps: tuple[float, float]) -> StableSet:
     roots = algebraic.positive_roots([c for f in factors for c in _critical(f, low, high)])
     stable = [holds(v) for v in algebraic.between(roots)]
 
+    @working()
     def passes(n: int) -> bool:
-        arithmetic = Arithmetic()
-        v = arithmetic.between(roots[n].low, roots[n].high)
-        return all(arithmetic.keeps_sign(_in_gap(f, v, arithmetic), low, high) for f in factors)
+        v = between(roots[n].low, roots[n].high)
+        return all(keeps_sign(_in_gap(f, v), low, high) for f in factors)
 
     return StableSet(gaps, unite(_ratio_ends(loop, roots), stable, passes), loop.recomputed)
 
@@ -156,21 +157,21 @@ def _critical(factor: Poly, low: Fraction, high: Fraction) -> list[Poly]:
     return [f for f in found if not f.is_zero and f.degree() > 0]
 
 
+@working()
 def gaps_at(loop: ExactLoop) -> StableSet:
     """Return every gap [m] at which the loop with exact beta is stable.
 
     Where v = (1/scale)^(1/power) is irrational, the product of the boundary over both signs of the
     root is rational and holds every end; which of its zeros are ends, enclosures decide.
     """
-    arithmetic = Arithmetic()
     square = (1 / loop.scale) ** (2 // loop.power) if loop.power else NOMINAL
     boundary = [_norm(f, square) for f in loop.boundary]
     roots = algebraic.positive_roots(boundary)
-    v = arithmetic.sqrt(arithmetic.number(square))
+    v = number(square).sqrt()
 
     def stable(low: Fraction, high: Fraction) -> bool | None:
-        y = arithmetic.between(low, high)
-        return is_hurwitz([arithmetic.polynomial(c, v, y) for c in loop.coefficients])
+        y = between(low, high)
+        return is_hurwitz([at(c, v, y) for c in loop.coefficients])
 
     cells = [bool(stable(gap, gap)) for gap in algebraic.between(roots)]
     cells = cells if not any(f.is_zero for f in boundary) else [False] * len(cells)
@@ -195,17 +196,17 @@ def loop_at(loop: ExactLoop, *, gap: Fraction) -> tuple[Poly, ...]:
     return tuple(Poly(c.eval(GAP, rational(gap)), V) for c in loop.coefficients)
 
 
+@working()
 def _passes(coefficients: Sequence[Poly], root: Root) -> bool:
     """Whether the loop is known to be stable at a root of the boundary, too."""
-    arithmetic = Arithmetic()
-    v = arithmetic.between(root.low, root.high)
-    return bool(is_hurwitz([arithmetic.polynomial(c, v) for c in coefficients]))
+    v = between(root.low, root.high)
+    return bool(is_hurwitz([at(c, v) for c in coefficients]))
 
 
-def _in_gap(factor: Poly, v: object, arithmetic: Arithmetic) -> list[object]:
-    """Return the coefficients in y, highest first, of a factor at an enclosed v."""
+def _in_gap(factor: Poly, v: arb) -> list[arb]:
+    """Return the coefficients in y, lowest first, of a factor at an enclosed v."""
     in_gap = Poly(factor.as_expr(), GAP)
-    return [arithmetic.polynomial(Poly(c, V), v) for c in in_gap.all_coeffs()]
+    return [at(Poly(c, V), v) for c in in_gap.all_coeffs()[::-1]]
 
 
 def _whole(stable: bool) -> tuple[Span, ...]:

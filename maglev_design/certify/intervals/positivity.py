@@ -7,12 +7,13 @@ rounding: every average is of numbers no larger than the first largest one.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from fractions import Fraction
 from math import comb
-from typing import Any
 
 import numpy as np
+from flint import arb
 from numpy.typing import NDArray
 
 UNIT = 2.0**-53
@@ -91,8 +92,7 @@ def _halves(boxes: Array) -> tuple[Array, Array]:
     return np.stack(first, axis=1), np.stack(second[::-1], axis=1)
 
 
-def middle_and_radius(enclosed: Any) -> tuple[float, float]:
-    """Return doubles that enclose an interval of mpmath's."""
-    middle = float(enclosed.mid)
-    away = max(abs(float(enclosed.a) - middle), abs(float(enclosed.b) - middle))
-    return middle, away + 4 * UNIT * abs(middle) + 1e-300
+def middle_and_radius(enclosed: arb) -> tuple[float, float]:
+    """Return doubles that enclose an interval."""
+    middle = float(enclosed)
+    return middle, math.nextafter(float((enclosed - middle).abs_upper()), math.inf)

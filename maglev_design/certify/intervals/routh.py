@@ -7,6 +7,8 @@ from itertools import islice
 from math import prod
 from typing import Any
 
+from maglev_design.certify.intervals.jets import leading
+
 
 def first_column(coefficients: Sequence[Any]) -> Iterator[Any]:
     """Yield the first column of the Routh array, n + 1 entries; divide only when asked for more.
@@ -41,7 +43,7 @@ def is_hurwitz(coefficients: Sequence[Any]) -> bool | None:
     Parameters
     ----------
     coefficients : sequence of Fraction, float or interval
-        Highest power first; comparisons of intervals answer None where they overlap zero.
+        Highest power first; comparisons of intervals are true only where they are known to be.
 
     Examples
     --------
@@ -49,9 +51,8 @@ def is_hurwitz(coefficients: Sequence[Any]) -> bool | None:
     (True, False, False)
     """
     for entry in first_column(coefficients):
-        positive = entry > 0
-        if not positive:
-            return None if positive is None else False
+        if not entry > 0:
+            return False if entry <= 0 else None
     return True
 
 
@@ -61,6 +62,11 @@ def hurwitz_determinant(coefficients: Sequence[Any]) -> Any:
     By Orlando's formula it is, up to a factor that keeps its sign, the product of w_i + w_j over
     all pairs of roots: it vanishes where a pair crosses the imaginary axis.
 
+    Parameters
+    ----------
+    coefficients : sequence of interval, or of series of intervals
+        Highest power first.
+
     Raises
     ------
     ZeroDivisionError
@@ -68,7 +74,7 @@ def hurwitz_determinant(coefficients: Sequence[Any]) -> Any:
     """
     entries = []
     for entry in islice(first_column(coefficients), 1, len(coefficients) - 1):
-        if (abs(entry) > 0) is not True:
+        if not abs(leading(entry)) > 0:
             raise ZeroDivisionError("an entry of the Routh array cannot be told from zero")
         entries.append(entry)
     return prod(entries[1:], start=entries[0])

@@ -14,14 +14,16 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
 from math import comb
+from operator import mul
 from typing import Any
 
 import sympy as sp
+from flint import arb, arb_series
 from sympy import Symbol
 
 from maglev_design import programs
-from maglev_design.certify.intervals.arithmetic import Arithmetic
-from maglev_design.certify.intervals.jets import Jet
+from maglev_design.certify.intervals.arithmetic import OPERATORS, number
+from maglev_design.certify.intervals.jets import variable
 from maglev_design.certify.numbers import as_run, fraction
 from maglev_design.design import Design
 from maglev_design.lowering import Program, lower
@@ -66,7 +68,7 @@ class Setting:
 
 
 @dataclass(frozen=True)
-class Timing:
+class SampleTiming:
     """Period T and delay n T + T_1 [s], exact."""
 
     period: Fraction
@@ -74,10 +76,10 @@ class Timing:
     part: Fraction
 
 
-def timing(period: Fraction, delay: Fraction) -> Timing:
+def timing(period: Fraction, delay: Fraction) -> SampleTiming:
     """Return the delay in whole periods and what is left."""
     whole = delay // period
-    return Timing(period, int(whole), delay - whole * period)
+    return SampleTiming(period, int(whole), delay - whole * period)
 
 
 def setting(rig: Rig, design: Design) -> Setting:
@@ -189,7 +191,7 @@ def _lowered(inputs: Sequence[Symbol], groups: Sequence[Sequence[sp.Expr]]) -> P
 class Affine:
     """Coefficients alpha_i + beta_i v of a polynomial in w, highest power first, enclosed.
 
-    Numbers where the gap is one; jets in C_Y' over a range of gaps.
+    Numbers where the gap is one; series in C_Y' over a range of gaps.
     """
 
     alpha: tuple[Any, ...]
@@ -200,54 +202,32 @@ class Affine:
         return [a + b * v for a, b in zip(self.alpha, self.beta, strict=True)]
 
 
-def enclose(loop: Setting, when: Timing, gap: Fraction, arithmetic: Arithmetic) -> Affine:
+def enclose(loop: Setting, when: SampleTiming, gap: Fraction) -> Affine:
     """Return the polynomial in w of v chi at one gap [m]."""
-    at = arithmetic.number(loop.coefficient(gap))
-    alpha, beta = (_in_w(x) for x in _in_z(loop, when, at, arithmetic, 0))
-    return Affine(tuple(x.terms[0] for x in alpha), tuple(x.terms[0] for x in beta))
+    series = expand(loop, when, number(loop.coefficient(gap)), 0)
+    return Affine(tuple(x[0] for x in series.alpha), tuple(x[0] for x in series.beta))
 
 
-def expand(loop: Setting, when: Timing, at: Any, arithmetic: Arithmetic, order: int) -> Affine:
-    """Return the polynomial in w of v chi as jets in C_Y' at an enclosed C_Y'."""
-    alpha, beta = (_in_w(x) for x in _in_z(loop, when, at, arithmetic, order))
-    return Affine(tuple(alpha), tuple(beta))
-
-
-def _in_z(
-    loop: Setting, when: Timing, at: Any, arithmetic: Arithmetic, order: int
-) -> tuple[list[Jet], list[Jet]]:
-    """Return alpha and beta in z as jets in C_Y' at an enclosed point."""
-    zero = arithmetic.number(0)
-
-    def constant(exact: Fraction) -> Jet:
-        return Jet((arithmetic.number(exact),))
-
-    true = Jet((at, arithmetic.number(1), *[zero] * (order - 1))[: order + 1])
+def expand(loop: Setting, when: SampleTiming, at: arb, order: int) -> Affine:
+    """Return the polynomial in w of v chi as series in C_Y' at an enclosed C_Y'."""
+    true = variable(at, order)
     made = parts(loop.method, loop.controller, when.part > 0)
-    period, part = constant(when.period), constant(when.part)
-    gains = [constant(gain) for gain in loop.gains]
-    law = arithmetic.run(made.law, period, *gains, wrap=constant)
-    plant = arithmetic.run(made.plant, true, period, part, wrap=constant)
-    nothing = Jet((zero,) * (order + 1))
-    fixed, gains, gains_c_y = made.pencil(law, plant, nothing, when.whole)
-    rows = [
-        (a + nothing, b + nothing, c + nothing)
-        for a, b, c in zip(fixed, gains, gains_c_y, strict=True)
-    ]
-    seen = constant(loop.C_Y_hat)
-    level, steepness = (constant(x) for x in loop.shape)
+    period, part, *gains = map(number, (when.period, when.part, *loop.gains))
+    law = made.law.evaluate(OPERATORS, period, *gains, constant=arb)
+    plant = made.plant.evaluate(OPERATORS, true, period, part, constant=arb)
+    rows = made.pencil(law, plant, 0 * true, when.whole)
+    fixed, gain, gain_c_y = ([x + 0 * true for x in row] for row in rows)
+    level, steepness, seen = map(number, (*loop.shape, loop.C_Y_hat))
     shape = level + steepness * true
-    alpha = [shape * (gain + seen * gain_c_y) for _, gain, gain_c_y in rows]
-    return alpha, [free for free, _, _ in rows]
+    alpha = [shape * (a + seen * b) for a, b in zip(gain, gain_c_y, strict=True)]
+    return Affine(_in_w(alpha), _in_w(fixed))
 
 
-def _in_w(coefficients: Sequence[Jet]) -> list[Jet]:
+def _in_w(coefficients: Sequence[arb_series]) -> tuple[arb_series, ...]:
     """Return (1 - w)^n p((1 + w)/(1 - w)) of p(z), highest power first."""
-    terms = list(zip(*(c.terms for c in coefficients), strict=True))
-    return [
-        Jet(tuple(sum(c * k for c, k in zip(term, row, strict=True)) for term in terms))
-        for row in _bilinear(len(coefficients) - 1)
-    ]
+    rows = _bilinear(len(coefficients) - 1)
+    zero = 0 * coefficients[0]
+    return tuple(sum(map(mul, coefficients, row), start=zero) for row in rows)
 
 
 @cache

@@ -10,15 +10,25 @@ in interval arithmetic. Between them one point decides. Nothing is sampled.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
-from typing import Any
 
-from maglev_design.certify.intervals.arithmetic import Arithmetic
-from maglev_design.certify.intervals.jets import Jet
+from flint import arb, arb_poly
+
+from maglev_design.certify.intervals.arithmetic import (
+    bernstein_signs,
+    between,
+    lower,
+    number,
+    sign,
+    upper,
+    working,
+)
+from maglev_design.certify.intervals.jets import coefficients, variable
 from maglev_design.certify.intervals.routh import hurwitz_determinant, is_hurwitz
-from maglev_design.certify.intervals.sampled import Affine, Setting, Timing, enclose
+from maglev_design.certify.intervals.sampled import Affine, SampleTiming, Setting, enclose
 from maglev_design.certify.intervals.spans import ZERO, End, Span, StableSet, unite
 from maglev_design.certify.rationals import decimal
 
@@ -38,7 +48,7 @@ class UndecidedError(ArithmeticError):
     """The precision does not suffice; more bits may."""
 
 
-def sampled_ratios_at(loop: Setting, when: Timing, gap: float) -> StableSet:
+def sampled_ratios_at(loop: Setting, when: SampleTiming, gap: float) -> StableSet:
     """Return every beta_c/beta for which the sampled loop is stable at one gap [m].
 
     Raises
@@ -47,28 +57,22 @@ def sampled_ratios_at(loop: Setting, when: Timing, gap: float) -> StableSet:
         When a cell stays undecided: two ends closer than any precision tried tells apart.
     """
     for precision in (320, 640, 1280):
-        arithmetic = Arithmetic(precision)
-        exact = decimal(gap)
-        affine = enclose(loop, when, exact, arithmetic)
-        try:
-            spans = _spans(loop, affine, arithmetic)
-        except UndecidedError:
-            continue
-        return StableSet((gap, gap), spans)
+        with working(precision), suppress(UndecidedError):
+            return StableSet((gap, gap), _spans(loop, enclose(loop, when, decimal(gap))))
     raise ArithmeticError(f"the stability of the sampled loop at {gap} m stays undecided")
 
 
-def _spans(loop: Setting, affine: Affine, arithmetic: Arithmetic) -> tuple[Span, ...]:
+def _spans(loop: Setting, affine: Affine) -> tuple[Span, ...]:
     def stable(v: Fraction) -> bool:
-        verdict = is_hurwitz(affine.at(arithmetic.number(v)))
+        verdict = is_hurwitz(affine.at(number(v)))
         if verdict is None:
             raise UndecidedError
         return verdict
 
-    low, high = _possible(affine, arithmetic)
+    low, high = _possible(affine)
     if low >= high:
         return ()
-    brackets = [(low, low), *_brackets(affine, low, high, arithmetic), (high, high)]
+    brackets = [(low, low), *_brackets(affine, low, high), (high, high)]
     cells = list(zip((a for _, a in brackets), (b for b, _ in brackets[1:]), strict=False))
     inside = [stable((a + b) / 2) for a, b in cells]
     ends = [_end(loop, *bracket) for bracket in brackets]
@@ -77,11 +81,11 @@ def _spans(loop: Setting, affine: Affine, arithmetic: Arithmetic) -> tuple[Span,
     if high == FARTHEST and inside[-1]:
         far = loop.scale * FARTHEST**loop.power
         ends[-1] = End(float("inf"), None, far, None)
-    return unite(ends, [False, *inside, False], lambda n: _through(affine, brackets[n], arithmetic))
+    return unite(ends, [False, *inside, False], lambda n: _through(affine, brackets[n]))
 
 
-def _through(affine: Affine, bracket: tuple[Fraction, Fraction], arithmetic: Arithmetic) -> bool:
-    return is_hurwitz(affine.at(arithmetic.between(*bracket))) is True
+def _through(affine: Affine, bracket: tuple[Fraction, Fraction]) -> bool:
+    return is_hurwitz(affine.at(between(*bracket))) is True
 
 
 def _end(loop: Setting, low: Fraction, high: Fraction) -> End:
@@ -89,53 +93,45 @@ def _end(loop: Setting, low: Fraction, high: Fraction) -> End:
     return End(float((a + b) / 2), None, a, b)
 
 
-def _possible(affine: Affine, arithmetic: Arithmetic) -> tuple[Fraction, Fraction]:
+def _possible(affine: Affine) -> tuple[Fraction, Fraction]:
     """Return a range of v outside which a coefficient is known to be negative.
 
     Wider than need be by a hair, so that a zero of c_0 or c_n that bounds it lies inside.
     """
     low, high = Fraction(0), FARTHEST
     for a, b in zip(affine.alpha, affine.beta, strict=True):
-        if (a < 0) is True and (b < 0) is True:
+        if a < 0 and b < 0:
             return Fraction(0), Fraction(0)
-        if (b < 0) is True:
-            high = min(high, arithmetic.upper(-a / b) * (1 + HAIR))
-        elif (b > 0) is True and (a < 0) is True:
-            low = max(low, arithmetic.lower(-a / b) * (1 - HAIR))
+        if b < 0:
+            high = min(high, upper(-a / b) * (1 + HAIR))
+        elif b > 0 and a < 0:
+            low = max(low, lower(-a / b) * (1 - HAIR))
     return low, high
 
 
-def determinant(affine: Affine, centre: Fraction, arithmetic: Arithmetic) -> list[Any]:
+def determinant(affine: Affine, centre: Fraction) -> list[arb]:
     """Return the Taylor coefficients of D_{n-1} in v at `centre`, lowest first.
 
     Routh's array in power series of v - centre, cut off at the degree n - 1 of D_{n-1}, which is
     a polynomial: nothing is lost.
     """
-    order = len(affine.alpha) - 2
-    zero, at = arithmetic.number(0), arithmetic.number(centre)
-    series = [
-        Jet((a + b * at, b, *[zero] * order)[: order + 1])
-        for a, b in zip(affine.alpha, affine.beta, strict=True)
-    ]
-    found: Jet = hurwitz_determinant(series)
-    return list(found.terms)
+    v = variable(number(centre), len(affine.alpha) - 2)
+    return coefficients(hurwitz_determinant(affine.at(v)))
 
 
-def _brackets(
-    affine: Affine, low: Fraction, high: Fraction, arithmetic: Arithmetic
-) -> list[tuple[Fraction, Fraction]]:
+def _brackets(affine: Affine, low: Fraction, high: Fraction) -> list[tuple[Fraction, Fraction]]:
     """Return disjoint enclosures of all zeros of c_0, c_n and D_{n-1} between two v."""
     found = []
     for n in (0, -1):
         linear = [affine.alpha[n], affine.beta[n]]
-        found += isolate(linear, Fraction(0), low, high, arithmetic)
+        found += isolate(linear, Fraction(0), low, high)
     scale = Fraction(1) if low == 0 or high == FARTHEST else (low + high) / 2
     for share in CENTRES:
         try:
-            taylor = determinant(affine, scale * share, arithmetic)
+            taylor = determinant(affine, scale * share)
         except ZeroDivisionError:
             continue
-        found += isolate(taylor, scale * share, low, high, arithmetic)
+        found += isolate(taylor, scale * share, low, high)
         break
     else:
         raise UndecidedError
@@ -153,24 +149,16 @@ def _brackets(
 class _Series:
     """A polynomial by its Taylor coefficients, lowest first, at a centre."""
 
-    terms: Sequence[Any]
+    terms: Sequence[arb]
     centre: Fraction
-    arithmetic: Arithmetic
 
     def sign(self, v: Fraction) -> int:
         """Return the sign at a point, 0 where it is open."""
-        a = self.arithmetic
-        value = a.horner(list(self.terms[::-1]), a.number(v - self.centre))
-        return 1 if (value > 0) is True else -1 if (value < 0) is True else 0
+        return sign(arb_poly(self.terms)(number(v - self.centre)))
 
     def changes(self, low: Fraction, high: Fraction) -> int | None:
         """Return the number of sign changes of the Bernstein coefficients; None where open."""
-        a = self.arithmetic
-        ends = (a.number(low - self.centre), a.number(high - self.centre))
-        signs = [
-            1 if (c > 0) is True else -1 if (c < 0) is True else 0
-            for c in a.bernstein(list(self.terms[::-1]), *ends)
-        ]
+        signs = bernstein_signs(self.terms, low - self.centre, high - self.centre)
         known = [n for n, s in enumerate(signs) if s]
         if not known or not signs[0] or not signs[-1]:
             return None
@@ -181,7 +169,7 @@ class _Series:
 
 
 def isolate(
-    terms: Sequence[Any], centre: Fraction, low: Fraction, high: Fraction, arithmetic: Arithmetic
+    terms: Sequence[arb], centre: Fraction, low: Fraction, high: Fraction
 ) -> list[tuple[Fraction, Fraction]]:
     """Return disjoint narrow enclosures, between two v, of every zero of a polynomial.
 
@@ -190,7 +178,7 @@ def isolate(
     UndecidedError
         When the polynomial cannot be told from zero on some narrow interval.
     """
-    series, found, boxes = _Series(terms, centre, arithmetic), [], [(low, high, 0)]
+    series, found, boxes = _Series(terms, centre), [], [(low, high, 0)]
     while boxes:
         a, b, depth = boxes.pop()
         changes = series.changes(a, b)

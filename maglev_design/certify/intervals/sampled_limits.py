@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design.certify.intervals.arithmetic import Arithmetic
+from maglev_design.certify.intervals.arithmetic import between, working
 from maglev_design.certify.intervals.routh import is_hurwitz
-from maglev_design.certify.intervals.sampled import Setting, Timing, enclose, parts, timing
+from maglev_design.certify.intervals.sampled import SampleTiming, Setting, enclose, parts, timing
 from maglev_design.certify.intervals.sampled_path import nominal_quotients, proved_over
 from maglev_design.certify.rationals import decimal
 from maglev_design.rig import LONGEST_PERIOD, MOST_DELAYED_PERIODS
@@ -52,7 +52,7 @@ class LimitStatus(Enum):
 
 
 @dataclass(frozen=True)
-class Limit:
+class TimeLimit:
     """The largest value of a time, as far as it is known.
 
     Attributes
@@ -87,7 +87,7 @@ class Limit:
         }
 
 
-def radii(loop: Setting, when: Timing, gaps: NDArray[np.float64]) -> NDArray[np.float64]:
+def radii(loop: Setting, when: SampleTiming, gaps: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the spectral radius at exact beta and each gap [m], by eigenvalues; shape (n,)."""
     made = parts(loop.method, loop.controller, when.part > 0)
     true = float(loop.weight) / (gaps + float(loop.offset))
@@ -110,11 +110,13 @@ def radii(loop: Setting, when: Timing, gaps: NDArray[np.float64]) -> NDArray[np.
     return np.asarray(np.abs(np.linalg.eigvals(companions)).max(axis=1))
 
 
-def largest_period(loop: Setting, period: float, delay: float, gaps: tuple[float, float]) -> Limit:
+def largest_period(
+    loop: Setting, period: float, delay: float, gaps: tuple[float, float]
+) -> TimeLimit:
     """Return the largest sampling period, the gains and the delay [s] as they are."""
     late = decimal(delay)
 
-    def at(value: float) -> Timing:
+    def at(value: float) -> SampleTiming:
         return timing(Fraction(value), late)
 
     up = np.arange(0, np.log(max(LONGEST_PERIOD / period, STEP)), np.log(STEP))
@@ -122,11 +124,13 @@ def largest_period(loop: Setting, period: float, delay: float, gaps: tuple[float
     return _limit(loop, at, period * np.exp(up), period * np.exp(down), gaps)
 
 
-def largest_delay(loop: Setting, period: float, delay: float, gaps: tuple[float, float]) -> Limit:
+def largest_delay(
+    loop: Setting, period: float, delay: float, gaps: tuple[float, float]
+) -> TimeLimit:
     """Return the largest delay from sample to voltage, the period [s] as it is."""
     exact = decimal(period)
 
-    def at(value: float) -> Timing:
+    def at(value: float) -> SampleTiming:
         return timing(exact, Fraction(value))
 
     step = period / FRACTIONS
@@ -139,11 +143,11 @@ def largest_delay(loop: Setting, period: float, delay: float, gaps: tuple[float,
 
 def _limit(
     loop: Setting,
-    at: Callable[[float], Timing],
+    at: Callable[[float], SampleTiming],
     up: NDArray[np.float64],
     down: NDArray[np.float64],
     gaps: tuple[float, float],
-) -> Limit:
+) -> TimeLimit:
     """Return the first crossing on a grid of times, rising, or falling where it starts unstable."""
     places = np.linspace(*gaps, GAPS) if gaps[0] < gaps[1] else np.array(gaps[:1])
 
@@ -159,10 +163,10 @@ def _limit(
         return max(kept(FALLBACKS, value), kept((Fraction(1),), float(up[0])))
 
     if not stable(up[0]) and not any(stable(value) for value in down):
-        return Limit(LimitStatus.UNSTABLE, 0.0)
+        return TimeLimit(LimitStatus.UNSTABLE, 0.0)
     pair = _first_change(stable, up, down)
     if pair is None:
-        return Limit(LimitStatus.BEYOND, longest(float(up[-1])))
+        return TimeLimit(LimitStatus.BEYOND, longest(float(up[-1])))
     low, high = pair
     for _ in range(45):
         middle = (low + high) / 2
@@ -171,8 +175,8 @@ def _limit(
     lost = _proved_unstable(loop, at, high, worst)
     near = kept([1 - slack for slack in SLACKS], low)
     if near and lost is not None:
-        return Limit(LimitStatus.PROVED, near, lost, worst)
-    return Limit(LimitStatus.GAVE_UP, near or longest(low), lost, worst)
+        return TimeLimit(LimitStatus.PROVED, near, lost, worst)
+    return TimeLimit(LimitStatus.GAVE_UP, near or longest(low), lost, worst)
 
 
 def _first_change(
@@ -186,13 +190,13 @@ def _first_change(
     return next(((float(low), float(high)) for low, high in pairs), None)
 
 
+@working()
 def _proved_unstable(
-    loop: Setting, at: Callable[[float], Timing], value: float, gap: float
+    loop: Setting, at: Callable[[float], SampleTiming], value: float, gap: float
 ) -> float | None:
-    arithmetic = Arithmetic()
-    v = arithmetic.between(*nominal_quotients(loop))
+    v = between(*nominal_quotients(loop))
     for slack in SLACKS:
         lost = value * (1 + float(slack))
-        if is_hurwitz(enclose(loop, at(lost), decimal(gap), arithmetic).at(v)) is False:
+        if is_hurwitz(enclose(loop, at(lost), decimal(gap)).at(v)) is False:
             return lost
     return None

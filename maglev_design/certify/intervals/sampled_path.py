@@ -12,19 +12,22 @@ from fractions import Fraction
 from math import isqrt
 
 import numpy as np
+from flint import arb_series
 
-from maglev_design.certify.intervals.arithmetic import Arithmetic
-from maglev_design.certify.intervals.jets import Jet, order_for, widened
+from maglev_design.certify.intervals.arithmetic import between, number, working
+from maglev_design.certify.intervals.jets import Jet, coefficients, order_for, widened
 from maglev_design.certify.intervals.positivity import middle_and_radius, positive
 from maglev_design.certify.intervals.routh import hurwitz_determinant, is_hurwitz
-from maglev_design.certify.intervals.sampled import Affine, Setting, Timing, enclose, expand
+from maglev_design.certify.intervals.sampled import Affine, SampleTiming, Setting, enclose, expand
 from maglev_design.certify.intervals.sampled_interval import sampled_ratios_at
 from maglev_design.certify.intervals.spans import End, Span, StableSet
 from maglev_design.certify.rationals import decimal
 
 Range = tuple[Fraction, Fraction]
-PRECISION = 160
+PIECE_PRECISION = 160
 """[bit] Pieces are wide; digits beyond these do not narrow what is enclosed on them."""
+HAIR = Fraction(1, 10**30)
+"""Relative width of a range of v, up to which it is one enclosed number."""
 MOST_PIECES = 120
 """Pieces of a range of gaps after which a proof is given up, up to LOW_DEGREE."""
 LOW_DEGREE = 8
@@ -37,7 +40,8 @@ TRIED_GAPS = 5
 """Single gaps among which the ends over a range are looked for."""
 
 
-def proved_over(loop: Setting, when: Timing, gaps: Range, quotients: Range) -> bool:
+@working(PIECE_PRECISION)
+def proved_over(loop: Setting, when: SampleTiming, gaps: Range, quotients: Range) -> bool:
     """Whether the loop is proved stable at every gap and every v of two closed ranges.
 
     Parameters
@@ -47,20 +51,20 @@ def proved_over(loop: Setting, when: Timing, gaps: Range, quotients: Range) -> b
     quotients : tuple of Fraction
         Of v in beta_c/beta = scale v^power.
     """
-    arithmetic, done, most = Arithmetic(PRECISION), 0, 0
+    done = most = 0
     for gap in gaps:
-        affine = enclose(loop, when, gap, arithmetic)
+        affine = enclose(loop, when, gap)
         most = MOST_PIECES * LOW_DEGREE**8 // max(LOW_DEGREE, len(affine.alpha) - 1) ** 8
         if most < FEWEST_PIECES:
             return False
-        if any(is_hurwitz(affine.at(arithmetic.number(v))) is False for v in quotients):
+        if any(is_hurwitz(affine.at(number(v))) is False for v in quotients):
             return False  # a corner is a counterexample
     ends = sorted(loop.coefficient(gap) for gap in gaps)
     todo = [(ends[0], ends[1])]
     while todo:
         low, high = todo.pop()
         done += 1
-        verdict = _piece(loop, when, (low, high), quotients, arithmetic)
+        verdict = _piece(loop, when, (low, high), quotients)
         if verdict is None and done < most and low < high:
             middle = (low + high) / 2
             todo += [(low, middle), (middle, high)]
@@ -69,65 +73,58 @@ def proved_over(loop: Setting, when: Timing, gaps: Range, quotients: Range) -> b
     return True
 
 
-def _piece(
-    loop: Setting, when: Timing, true: Range, quotients: Range, arithmetic: Arithmetic
-) -> bool | None:
+def _piece(loop: Setting, when: SampleTiming, true: Range, quotients: Range) -> bool | None:
     """Return whether a rectangle in C_Y' and v is stable; None where that is open."""
     low, high = true
-    centre, half = (low + high) / 2, (high - low) / 2
-    v, reach = sum(quotients) / Fraction(2), (quotients[1] - quotients[0]) / 2
-    order = order_for(float(half / high))
-    at, whole = arithmetic.number(centre), arithmetic.between(low, high)
-    near = expand(loop, when, at, arithmetic, order - 1)
-    at_middle = [c.terms[0] for c in near.at(_constant(v, order - 1, arithmetic))]
-    verdict = is_hurwitz(at_middle)
+    half, order = (high - low) / 2, order_for(float((high - low) / 2 / high))
+    at, whole = number((low + high) / 2), between(low, high)
+    near = expand(loop, when, at, order - 1)
+    verdict = is_hurwitz([x[0] for x in near.at(number(sum(quotients) / Fraction(2)))])
     if not verdict:
         return verdict
-    rough = expand(loop, when, whole, arithmetic, order)
-    away = whole - at
+    rough = expand(loop, when, whole, order)
     far = Affine(
         *(
-            tuple(widened(a, b.terms[-1], away) for a, b in zip(mine, last, strict=True))
+            tuple(
+                arb_series(widened(a, b[order], whole - at), prec=order + 1)
+                for a, b in zip(mine, last, strict=True)
+            )
             for mine, last in ((near.alpha, rough.alpha), (near.beta, rough.beta))
         )
     )
     try:
-        fronts = [_signs(x, v, reach, arithmetic) for x in (near, far)]
+        fronts = [_signs(x, quotients) for x in (near, far)]
     except ZeroDivisionError:
         return None
-    for mine, last in zip(*fronts, strict=True):
-        table = []
-        for j, (a, b) in enumerate(zip(mine, last, strict=True)):
-            terms = [*a.terms, b.terms[-1]]
-            scale = arithmetic.number(reach**j)
-            table.append(
+    reach, width = number((quotients[1] - quotients[0]) / 2), number(half)
+    return (
+        all(
+            positive(
                 [
-                    middle_and_radius(c * scale * arithmetic.number(half**k))
-                    for k, c in enumerate(terms)
+                    [
+                        middle_and_radius(c * reach**j * width**k)
+                        for k, c in enumerate([*coefficients(a), b[order]])
+                    ]
+                    for j, (a, b) in enumerate(zip(mine, last, strict=True))
                 ]
             )
-        if not positive(table):
-            return None
-    return True
+            for mine, last in zip(*fronts, strict=True)
+        )
+        or None
+    )
 
 
-def _constant(exact: Fraction, order: int, arithmetic: Arithmetic) -> Jet:
-    zero = arithmetic.number(0)
-    return Jet((arithmetic.number(exact), *[zero] * order))
+def _signs(affine: Affine, quotients: Range) -> tuple[tuple[arb_series, ...], ...]:
+    """Return c_0, c_n and D_{n-1} as Taylor coefficients at the middle v, series in C_Y'.
 
-
-def _signs(
-    affine: Affine, v: Fraction, reach: Fraction, arithmetic: Arithmetic
-) -> tuple[tuple[Jet, ...], ...]:
-    """Return c_0, c_n and D_{n-1} as Taylor coefficients at v, each a jet in C_Y'."""
-    order = len(affine.alpha[0].terms) - 1
-    at = _constant(v, order, arithmetic)
-    zero = _constant(Fraction(0), order, arithmetic)
-    degree = len(affine.alpha) - 2 if reach else 0
-    series = [
-        Jet((a + b * at, b, *[zero] * degree)[: degree + 1])
-        for a, b in zip(affine.alpha, affine.beta, strict=True)
-    ]
+    The first one alone, over all v, where these are a hair apart.
+    """
+    low, high = quotients
+    if high - low <= HAIR * high:
+        numbers = affine.at(between(low, high))
+        return tuple((x,) for x in (numbers[-1], numbers[0], hurwitz_determinant(numbers)))
+    v, rest = number((low + high) / 2), [0 * affine.alpha[0]] * (len(affine.alpha) - 3)
+    series = [Jet((a + b * v, b, *rest)) for a, b in zip(affine.alpha, affine.beta, strict=True)]
     determinant: Jet = hurwitz_determinant(series)
     return tuple(x.terms for x in (series[-1], series[0], determinant))
 
@@ -152,7 +149,7 @@ def _root(number: Fraction, hair: Fraction) -> Range:
     return fine * hair, (fine + 1) * hair
 
 
-def sampled_ratios_over(loop: Setting, when: Timing, gaps: tuple[float, float]) -> StableSet:
+def sampled_ratios_over(loop: Setting, when: SampleTiming, gaps: tuple[float, float]) -> StableSet:
     """Return the beta_c/beta around 1 for which the loop is stable at every gap [m] of a range.
 
     Each end lies between a ratio up to which stability is proved for all gaps, its `value`, and

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from fractions import Fraction
+from functools import partial
 
-from maglev_design.certify.region.model import EXACT, Deviation, force_program
+from flint import fmpq
 
-GRAIN = Fraction(1, 2**40)
+from maglev_design.certify.intervals.arithmetic import OPERATORS, exact
+from maglev_design.certify.region.model import Deviation, force_program
+
+GRAIN = fmpq(1, 2**40)
 """What bounds of shares, and of phi/g and its slopes, are rounded to, outward."""
 FROZEN, RUNNING = 0, 1
 """Modes of the integrator: held by anti-windup, and following its rate."""
 
-Extents = tuple[Fraction, Fraction]
+Extents = tuple[fmpq, fmpq]
 """Largest e/(r + y0) and largest q [V] of a set: the units of its cells."""
 
 
@@ -20,18 +23,18 @@ Extents = tuple[Fraction, Fraction]
 class Cell:
     """A rectangle of the plane of (e, q), in units of the set's extents."""
 
-    left: Fraction
-    right: Fraction
-    low: Fraction
-    high: Fraction
+    left: fmpq
+    right: fmpq
+    low: fmpq
+    high: fmpq
 
     @property
-    def centre(self) -> tuple[Fraction, Fraction]:
+    def centre(self) -> tuple[fmpq, fmpq]:
         """Its centre."""
         return (self.left + self.right) / 2, (self.low + self.high) / 2
 
     @property
-    def radii(self) -> tuple[Fraction, Fraction]:
+    def radii(self) -> tuple[fmpq, fmpq]:
         """Half its sides."""
         return (self.right - self.left) / 2, (self.high - self.low) / 2
 
@@ -54,15 +57,15 @@ class Force:
     phi/g = middle + a (e - e_c) + b (q - q_c) + r with a, b the mids of the slopes and |r| <= rest.
     """
 
-    centre: tuple[Fraction, Fraction]
-    by_e: tuple[Fraction, Fraction]
-    by_q: tuple[Fraction, Fraction]
-    rest: Fraction
+    centre: tuple[fmpq, fmpq]
+    by_e: tuple[fmpq, fmpq]
+    by_q: tuple[fmpq, fmpq]
+    rest: fmpq
 
     @property
-    def middle(self) -> Fraction:
+    def middle(self) -> fmpq:
         """Mid value at the centre."""
-        return sum(self.centre, Fraction(0)) / 2
+        return (self.centre[0] + self.centre[1]) / 2
 
 
 def modes(model: Deviation, extents: Extents, cell: Cell) -> tuple[int, ...]:
@@ -82,7 +85,7 @@ def modes(model: Deviation, extents: Extents, cell: Cell) -> tuple[int, ...]:
     return (FROZEN,) if always else (FROZEN, RUNNING)
 
 
-def _shares(model: Deviation, low: Fraction, high: Fraction) -> tuple[Fraction, Fraction]:
+def _shares(model: Deviation, low: fmpq, high: fmpq) -> tuple[fmpq, fmpq]:
     """Return bounds of clamp(u_eq + q)/u_eq for q between two values, for every u_eq."""
     least, most = model.rest
     u_low, u_high = model.actuator
@@ -103,31 +106,31 @@ def enclose(model: Deviation, extents: Extents, cell: Cell) -> Force:
     a, b = cell.centre
     half_a, half_b = cell.radii
     least, most = model.rest
-    program = force_program()
+    force = partial(force_program().evaluate, OPERATORS, constant=exact)
     small, large = _shares(model, b * Q, b * Q)
-    first = program.evaluate(EXACT, a * X, large)[0]
-    last = program.evaluate(EXACT, a * X, small)[0]
+    first = force(a * X, large)[0]
+    last = force(a * X, small)[0]
     small, large = _shares(model, cell.low * Q, cell.high * Q)
-    _, steep, strong = program.evaluate(EXACT, cell.left * X, large)
-    _, flat, weak = program.evaluate(EXACT, cell.right * X, small)
+    _, steep, strong = force(cell.left * X, large)
+    _, flat, weak = force(cell.right * X, small)
     u_low, u_high = model.actuator
     free = least + cell.low * Q >= u_low and (u_high is None or most + cell.high * Q <= u_high)
     held = most + cell.high * Q <= u_low or (u_high is not None and least + cell.low * Q >= u_high)
     by_e = rounded_down(flat * X), rounded_up(steep * X)
     by_q = (
-        rounded_down(Fraction(0) if held else strong * Q / least),
-        rounded_up(weak * Q / most if free else Fraction(0)),
+        rounded_down(fmpq(0) if held else strong * Q / least),
+        rounded_up(weak * Q / most if free else fmpq(0)),
     )
     low, high = rounded_down(first), rounded_up(last)
     spread = (by_e[1] - by_e[0]) * half_a + (by_q[1] - by_q[0]) * half_b
     return Force((low, high), by_e, by_q, (high - low + spread) / 2)
 
 
-def rounded_down(x: Fraction, grain: Fraction = GRAIN) -> Fraction:
-    """Return the largest multiple of `grain`, one over a whole number, that is not above x."""
-    return (x.numerator * grain.denominator // x.denominator) * grain
+def rounded_down(x: fmpq, grain: fmpq = GRAIN) -> fmpq:
+    """Return the largest multiple of `grain` that is not above x."""
+    return (x / grain).floor() * grain
 
 
-def rounded_up(x: Fraction, grain: Fraction = GRAIN) -> Fraction:
+def rounded_up(x: fmpq, grain: fmpq = GRAIN) -> fmpq:
     """Return the least multiple of `grain` that is not below x."""
-    return -rounded_down(-x, grain)
+    return (x / grain).ceil() * grain

@@ -17,13 +17,14 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
+from flint import fmpq, fmpq_mat
 from numpy.typing import NDArray
-from sympy import Matrix, Rational
 
+from maglev_design.certify.intervals.arithmetic import exact
 from maglev_design.certify.rationals import decimal
 from maglev_design.certify.region.model import Deviation, deviation
-from maglev_design.certify.region.proof import Check, check
-from maglev_design.certify.region.search import Candidate, find_form
+from maglev_design.certify.region.proof import RegionCheck, check
+from maglev_design.certify.region.search import FoundForm, find_form
 from maglev_design.design import Design
 from maglev_design.errors import InputError
 from maglev_design.rig import Rig
@@ -38,7 +39,7 @@ POINTS = 401
 """Points of the outline along e."""
 
 
-class Status(enum.Enum):
+class RegionStatus(enum.Enum):
     """What was found; the value is a sentence with the remedy."""
 
     GUARANTEED = (
@@ -59,7 +60,7 @@ class Status(enum.Enum):
     )
 
 
-def status_as_data(status: Status) -> dict[str, str]:
+def status_as_data(status: RegionStatus) -> dict[str, str]:
     """Return a status for JSON, and of which law the region is."""
     name = status.name.lower().replace("_", "-")
     return {"law": "continuous", "status": name, "message": status.value}
@@ -71,29 +72,29 @@ class Region:
 
     Attributes
     ----------
-    status : Status
+    status : RegionStatus
     model : Deviation
         The loop it is about.
     ratios : tuple of Fraction
         beta_c/beta for which it holds.
-    P : Matrix, shape (n, n)
-        Of rationals, in the SI units of ``model.names``; empty when there is none.
-    level : Fraction
-    pace : Fraction
+    P : fmpq_mat, shape (n, n)
+        In the SI units of ``model.names``; empty when there is none.
+    level : fmpq
+    pace : fmpq
         Unit of the multipliers of the proof [1/s].
-    check : Check or None
+    check : RegionCheck or None
         What the exact check said.
     """
 
-    status: Status
+    status: RegionStatus
     model: Deviation
     ratios: tuple[Fraction, Fraction]
-    P: Matrix
-    level: Fraction
-    pace: Fraction
-    check: Check | None
+    P: fmpq_mat
+    level: fmpq
+    pace: fmpq
+    check: RegionCheck | None
 
-    def verified(self) -> Check:
+    def verified(self) -> RegionCheck:
         """Run the exact check again, without the search that found P."""
         return check(self.model, self.P, self.level, self.pace)
 
@@ -102,16 +103,16 @@ class Region:
 
         V is convex along the line of starts that the ratios make, so its ends decide.
         """
-        if self.status is not Status.GUARANTEED:
+        if self.status is not RegionStatus.GUARANTEED:
             return False
-        return max(self._values(Fraction(e), Fraction(v))) <= self.level
+        return max(self._values(exact(e), exact(v))) <= self.level
 
-    def _values(self, e: Fraction, v: Fraction) -> list[Fraction]:
+    def _values(self, e: fmpq, v: fmpq) -> list[fmpq]:
         return [_product(self.P, *2 * (self.model.start(e, v, rest),)) for rest in self.model.rest]
 
     def outline(self) -> tuple[Array, Array, Array]:
         """Return e [m] and the least and largest v [m/s] of the region there."""
-        if self.status is not Status.GUARANTEED:
+        if self.status is not RegionStatus.GUARANTEED:
             return (np.empty(0),) * 3
         slices = [_slice(self.P, self.level, self.model, rest) for rest in self.model.rest]
         ends = [one.extent() for one in slices]
@@ -132,7 +133,7 @@ class Region:
     @property
     def reach(self) -> tuple[float, float]:
         """Least and largest position error [m] from which a start at rest is guaranteed."""
-        if self.status is not Status.GUARANTEED:
+        if self.status is not RegionStatus.GUARANTEED:
             return 0.0, 0.0
         slices = [_slice(self.P, self.level, self.model, rest) for rest in self.model.rest]
         ends = [_roots(one.ee, one.e, one.rest) for one in slices]
@@ -145,7 +146,7 @@ class Region:
             "gap": float(self.model.gap),
             "ratios": [str(ratio) for ratio in self.ratios],
             "states": list(self.model.names),
-            "P": [[str(x) for x in self.P.row(n)] for n in range(self.P.rows)],
+            "P": [[str(x) for x in row] for row in self.P.tolist()],
             "level": str(self.level),
             "cells": self.check.cells if self.check else 0,
             "reach": list(self.reach),
@@ -180,9 +181,9 @@ class _Slice:
         )
 
 
-def _slice(P: Matrix, level: Fraction, model: Deviation, rest: Fraction) -> _Slice:
+def _slice(P: fmpq_mat, level: fmpq, model: Deviation, rest: fmpq) -> _Slice:
     """Return the slice of {z'P z <= level} by the starts."""
-    zero, one = Fraction(0), Fraction(1)
+    zero, one = fmpq(0), fmpq(1)
     origin = model.start(zero, zero, rest)
     along_e = [x - y for x, y in zip(model.start(one, zero, rest), origin, strict=True)]
     along_v = [x - y for x, y in zip(model.start(zero, one, rest), origin, strict=True)]
@@ -202,14 +203,9 @@ def _roots(square: float, half: float, rest: float) -> tuple[float, float]:
     return (-half - width) / square, (-half + width) / square
 
 
-def _product(P: Matrix, left: list[Fraction], right: list[Fraction]) -> Fraction:
+def _product(P: fmpq_mat, left: list[fmpq], right: list[fmpq]) -> fmpq:
     """Return left' P right."""
-    entries = (
-        x * Fraction(int(P[i, j].p), int(P[i, j].q)) * y
-        for i, x in enumerate(left)
-        for j, y in enumerate(right)
-    )
-    return sum(entries, Fraction(0))
+    return (fmpq_mat([left]) * P * fmpq_mat([right]).transpose())[0, 0]
 
 
 def guaranteed_region(
@@ -254,30 +250,29 @@ def guaranteed_region(
     low, high = sorted(x if isinstance(x, Fraction) else decimal(x) for x in ratios)
     model = deviation(rig, design, (low, high), gap)
     found = find_form(model)
-    empty = Region(Status.NO_FORM, model, (low, high), Matrix(), Fraction(0), Fraction(0), None)
+    empty = Region(RegionStatus.NO_FORM, model, (low, high), fmpq_mat(0, 0), fmpq(0), fmpq(0), None)
     return empty if found is None else _proved(empty, found)
 
 
-def _proved(empty: Region, found: Candidate) -> Region:
+def _proved(empty: Region, found: FoundForm) -> Region:
     """Return the region of the largest of the levels tried that is proved."""
     P = _rounded(found.P)
-    pace = Fraction(math.ceil(16 * found.pace), 16)
+    pace = fmpq(math.ceil(16 * found.pace), 16)
     for n in range(STEPS):
-        level = Fraction(math.floor(found.level * 0.95**n * 2**20), 2**20)
+        level = fmpq(math.floor(found.level * 0.95**n * 2**20), 2**20)
         said = check(empty.model, P, level, pace)
         if said.proved:
             region = replace(
-                empty, status=Status.GUARANTEED, P=P, level=level, pace=pace, check=said
+                empty, status=RegionStatus.GUARANTEED, P=P, level=level, pace=pace, check=said
             )
             inside = region.contains(0.0, 0.0)
-            return region if inside else replace(region, status=Status.START_OUTSIDE)
+            return region if inside else replace(region, status=RegionStatus.START_OUTSIDE)
     return empty
 
 
-def _rounded(P: Array) -> Matrix:
+def _rounded(P: Array) -> fmpq_mat:
     """Return P with short rational entries."""
     sizes = 2.0 ** np.round(np.log2(np.diag(P)) / 2)
     whole = np.round(P / np.outer(sizes, sizes) * 2**DIGITS)
-    size = [Rational(float(x)) for x in sizes]
-    n = len(size)
-    return Matrix(n, n, lambda i, j: Rational(int(whole[i, j]), 2**DIGITS) * size[i] * size[j])
+    size = fmpq_mat(np.diag([exact(x) for x in sizes]).tolist())
+    return size * fmpq_mat([[exact(x) for x in row] for row in whole]) * size / fmpq(2**DIGITS)

@@ -18,18 +18,19 @@ U_r the feedforward at r and k = du/de: under mismatch the start is offset along
 from __future__ import annotations
 
 import math
-import operator
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
 from typing import Any
 
 import sympy as sp
+from flint import fmpq, fmpq_mat
 from sympy import Matrix, Rational, Symbol
 
 from maglev_design import design as designs
 from maglev_design import programs
+from maglev_design.certify.intervals.arithmetic import exact
 from maglev_design.design import Design
 from maglev_design.errors import InputError
 from maglev_design.lowering import Program, lower
@@ -49,45 +50,22 @@ x = Symbol("x", real=True)
 share = Symbol("share", real=True)
 """Applied voltage over the voltage at rest."""
 
-Number = Fraction | float
-"""What a lowered program computes with: fractions, and constants that are whole floats."""
-
-
-def _exact(operator: Callable[..., Fraction]) -> Callable[..., Fraction]:
-    def run(*values: Number) -> Fraction:
-        return operator(*[x if isinstance(x, Fraction) else Fraction(x) for x in values])
-
-    return run
-
-
-EXACT: Mapping[str, Callable[..., Fraction]] = {
-    name: _exact(function)
-    for name, function in (
-        ("add", operator.add),
-        ("sub", operator.sub),
-        ("mul", operator.mul),
-        ("div", operator.truediv),
-        ("neg", operator.neg),
-    )
-}
-"""Operators that run a lowered program in exact numbers."""
-
 
 @dataclass(frozen=True)
-class Limit:
+class StateLimit:
     """A linear function of z that must stay within +-margin in the region.
 
     Attributes
     ----------
     name : str
-    row : tuple of Fraction, shape (n,)
-    margin : Fraction
+    row : tuple of fmpq, shape (n,)
+    margin : fmpq
         In the unit of ``row z``.
     """
 
     name: str
-    row: tuple[Fraction, ...]
-    margin: Fraction
+    row: tuple[fmpq, ...]
+    margin: fmpq
 
 
 @dataclass(frozen=True)
@@ -96,33 +74,33 @@ class Deviation:
 
     Attributes
     ----------
-    running, frozen : Matrix, shape (n, n)
+    running, frozen : fmpq_mat, shape (n, n)
         A while the integrator runs and while anti-windup freezes it.
     names : tuple of str
         Of the entries of z; SI units.
-    gap, offset, gravity : Fraction
+    gap, offset, gravity : fmpq
         r [m], y0 [m] and g [m/s^2].
-    rest : tuple of Fraction
+    rest : tuple of fmpq
         Interval of u_eq [V]; it contains the true value for every ratio of the claim.
-    actuator : tuple of Fraction
+    actuator : tuple of fmpq
         Range of the clamp [V], from zero or more; its upper end is None where it has none.
-    feedforward, slope : Fraction
+    feedforward, slope : fmpq
         U_r [V] and k = du/de [V/m].
-    limits : tuple of Limit
+    limits : tuple of StateLimit
         What the region has to respect besides V' < 0.
     """
 
-    running: Matrix
-    frozen: Matrix
+    running: fmpq_mat
+    frozen: fmpq_mat
     names: tuple[str, ...]
-    gap: Fraction
-    offset: Fraction
-    gravity: Fraction
-    rest: tuple[Fraction, Fraction]
-    actuator: tuple[Fraction, Fraction | None]
-    feedforward: Fraction
-    slope: Fraction
-    limits: tuple[Limit, ...]
+    gap: fmpq
+    offset: fmpq
+    gravity: fmpq
+    rest: tuple[fmpq, fmpq]
+    actuator: tuple[fmpq, fmpq | None]
+    feedforward: fmpq
+    slope: fmpq
+    limits: tuple[StateLimit, ...]
 
     @property
     def order(self) -> int:
@@ -130,7 +108,7 @@ class Deviation:
         return len(self.names)
 
     @property
-    def distance(self) -> Fraction:
+    def distance(self) -> fmpq:
         """Unit r + y0 of e in the force [m]."""
         return self.gap + self.offset
 
@@ -206,16 +184,16 @@ def deviation(
         running=_linear_part(z, slopes, flows, {integrator: own}),
         frozen=_linear_part(z, slopes, [sp.Integer(0), *flows[1:]], {integrator: own}),
         names=tuple(x.name for x in z),
-        gap=Fraction(gap),
-        offset=Fraction(rig.plant.gap_offset),
-        gravity=Fraction(rig.plant.gravity),
+        gap=exact(gap),
+        offset=exact(rig.plant.gap_offset),
+        gravity=exact(rig.plant.gravity),
         rest=rest,
-        actuator=(Fraction(rig.limits.voltage[0]), _finite(rig.limits.voltage[1])),
-        feedforward=_fraction(feedforward),
-        slope=_fraction(slopes[p.e]),
+        actuator=(exact(rig.limits.voltage[0]), _finite(rig.limits.voltage[1])),
+        feedforward=_exact(feedforward),
+        slope=_exact(slopes[p.e]),
         limits=(),
     )
-    share_of_w = [_fraction(sp.diff(sp.expand(slopes[integrator] * own), x)) for x in z]
+    share_of_w = [_exact(sp.diff(sp.expand(slopes[integrator] * own), x)) for x in z]
     return replace(found, limits=tuple(_limits(found, rig, share_of_w)))
 
 
@@ -249,33 +227,34 @@ def _linear_part(
     slopes: Mapping[Symbol, sp.Expr],
     flows: list[sp.Expr],
     known: Mapping[Symbol, sp.Expr],
-) -> Matrix:
+) -> fmpq_mat:
     """Return the Jacobian of z' without the force, the integrator expressed in z."""
     moving = dict(zip(list(slopes)[1:], flows, strict=True))
     by_q = slopes[p.e] * p.v + sum(slopes[x] * flow for x, flow in moving.items())
     others = [moving[x] for x in z[3:]]
     rows = [p.v, by_q, sp.Integer(0), *others]
-    return Matrix([row.subs(known) for row in rows]).jacobian(z)
+    slope = Matrix([row.subs(known) for row in rows]).jacobian(z)
+    return fmpq_mat(len(z), len(z), [_exact(entry) for entry in slope])
 
 
 def _voltages_at_rest(
     rig: Rig, beta_c: float, ratios: tuple[Fraction, Fraction], gap: float
-) -> tuple[Fraction, Fraction]:
+) -> tuple[fmpq, fmpq]:
     """Return bounds of the plant's voltage at rest at `gap` over the ratios, a little apart."""
     plant = p.magnetic_levitation()
     known = {p.g: rig.plant.gravity, p.y0: rig.plant.gap_offset, p.Y: gap}
     nominal = {x: Rational(value) for x, value in known.items()}
     beta = Rational(beta_c)
 
-    def square(ratio: Fraction) -> Fraction:
+    def square(ratio: Fraction) -> fmpq:
         moved = beta / Rational(ratio.numerator, ratio.denominator)
-        return _fraction((plant.equilibrium_voltage**2).subs({p.beta: moved}).subs(nominal))
+        return _exact((plant.equilibrium_voltage**2).subs({p.beta: moved}).subs(nominal))
 
-    unit = Fraction(1, PRECISION)  # wider than what rounding does to beta in a simulation
+    unit = fmpq(1, PRECISION)  # wider than what rounding does to beta in a simulation
     return root_below(square(min(ratios))) - unit, root_above(square(max(ratios))) + unit
 
 
-def _limits(model: Deviation, rig: Rig, integral: list[Fraction]) -> Iterator[Limit]:
+def _limits(model: Deviation, rig: Rig, integral: list[fmpq]) -> Iterator[StateLimit]:
     """Yield what the region has to respect; raise where the rest itself does not."""
     low, high = model.actuator
     if model.rest[0] <= low or (high is not None and model.rest[1] >= high):
@@ -284,33 +263,32 @@ def _limits(model: Deviation, rig: Rig, integral: list[Fraction]) -> Iterator[Li
             f"needs {float(model.rest[0]):.4g} to {float(model.rest[1]):.4g} V over the ratios; "
             "allowed is a range with these in its interior"
         )
-    near, far = Fraction(contact_gap(rig)), _finite(rig.limits.gap[1])
+    near, far = exact(contact_gap(rig)), _finite(rig.limits.gap[1])
     room = [model.gap - near] + ([] if far is None else [far - model.gap])
     if min(room) <= 0:
         raise InputError(
             f"limits.gap = {list(rig.limits.gap)} m: the gap of the rest, {float(model.gap):.4g} "
             "m, must lie inside"
         )
-    yield Limit("gap", tuple(Fraction(n == E_ROW) for n in range(model.order)), min(room))
+    yield StateLimit("gap", tuple(fmpq(int(n == E_ROW)) for n in range(model.order)), min(room))
     if high is not None:
         taken = max(abs(rest - model.feedforward) for rest in model.rest)
-        yield Limit("integrator bound", tuple(integral), high - low - taken)
+        yield StateLimit("integrator bound", tuple(integral), high - low - taken)
 
 
-def _finite(bound: float) -> Fraction | None:
-    return Fraction(bound) if math.isfinite(bound) else None
+def _finite(bound: float) -> fmpq | None:
+    return exact(bound) if math.isfinite(bound) else None
 
 
-def _fraction(value: sp.Expr) -> Fraction:
-    return Fraction(int(value.p), int(value.q))
+def _exact(value: sp.Expr) -> fmpq:
+    return fmpq(int(value.p), int(value.q))
 
 
-def root_below(square: Fraction) -> Fraction:
+def root_below(square: fmpq) -> fmpq:
     """Return a fraction at most sqrt(square) and less than 1/PRECISION away."""
-    scaled = square.numerator * PRECISION**2 // square.denominator
-    return Fraction(math.isqrt(scaled), PRECISION)
+    return fmpq((square * PRECISION**2).floor().isqrt(), PRECISION)
 
 
-def root_above(square: Fraction) -> Fraction:
+def root_above(square: fmpq) -> fmpq:
     """Return a fraction above sqrt(square) and at most 1/PRECISION away."""
-    return root_below(square) + Fraction(1, PRECISION)
+    return root_below(square) + fmpq(1, PRECISION)

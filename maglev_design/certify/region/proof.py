@@ -21,14 +21,14 @@ from __future__ import annotations
 
 import enum
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import cached_property
 from itertools import product
 
 import numpy as np
+from flint import fmpq, fmpq_mat
 from numpy.typing import NDArray
-from sympy import Matrix, Rational, diag
 
 from maglev_design.certify.region.cells import (
     FROZEN,
@@ -42,19 +42,19 @@ from maglev_design.certify.region.cells import (
 )
 from maglev_design.certify.region.model import E_ROW, Q_ROW, V_ROW, Deviation, root_above
 
-SMALLEST_CELL = Fraction(1, 2**12)
+SMALLEST_CELL = fmpq(1, 2**12)
 """Side at which a cell is given up, as a share of the set's extent."""
 MOST_CELLS = 60_000
 """Cells after which a proof is given up."""
-MULTIPLIERS = (Fraction(0), *(Fraction(k) * 2**n / 16 for n in range(12) for k in (2, 3)))
+MULTIPLIERS = (fmpq(0), *(fmpq(k * 2**n, 16) for n in range(12) for k in (2, 3)))
 """Values of lambda tried, in units of the pace handed in."""
-EXTENT_GRAIN = Fraction(1, 2**16)
+EXTENT_GRAIN = fmpq(1, 2**16)
 """What the extents of the set are rounded up to, so that the cells' numbers are short."""
 DIGITS = 36
 """Binary digits kept of the entries of S, relative to the largest, rounded upward as a form."""
 
 
-class Verdict(enum.Enum):
+class RegionVerdict(enum.Enum):
     """What the check found; the value is a sentence with the remedy."""
 
     PROVED = "V falls along every motion inside the set; the ball stays within the rig's limits."
@@ -64,12 +64,12 @@ class Verdict(enum.Enum):
 
 
 @dataclass(frozen=True)
-class Check:
+class RegionCheck:
     """What :func:`check` found.
 
     Attributes
     ----------
-    verdict : Verdict
+    verdict : RegionVerdict
     cells : int
         Cells whose inequality was shown.
     limit : str
@@ -78,7 +78,7 @@ class Check:
         (e [m], q [V]) where the inequality could not be shown.
     """
 
-    verdict: Verdict
+    verdict: RegionVerdict
     cells: int = 0
     limit: str = ""
     place: tuple[float, float] | None = None
@@ -86,50 +86,50 @@ class Check:
     @property
     def proved(self) -> bool:
         """Whether the set is guaranteed."""
-        return self.verdict is Verdict.PROVED
+        return self.verdict is RegionVerdict.PROVED
 
 
 Array = NDArray[np.float64]
-Form = tuple[tuple[Fraction, ...], ...]
+Form = tuple[tuple[fmpq, ...], ...]
 
 
-def check(model: Deviation, P: Matrix, level: Fraction, pace: Fraction) -> Check:
+def check(model: Deviation, P: fmpq_mat, level: fmpq, pace: fmpq) -> RegionCheck:
     """Prove that {z'P z <= level} is invariant and that V falls to zero in it, or say why not.
 
     Parameters
     ----------
     model : Deviation
-    P : Matrix, shape (n, n)
-        Of rationals, symmetric.
-    level : Fraction
-    pace : Fraction
+    P : fmpq_mat, shape (n, n)
+        Symmetric.
+    level : fmpq
+    pace : fmpq
         [1/s] Unit of the multipliers lambda; the decay rate of the linear loop is a good one. No
         choice of it can make a wrong claim pass.
     """
-    P = P / Rational(level.numerator, level.denominator)
-    if P != P.T or not positive_definite(P):
-        return Check(Verdict.NOT_POSITIVE)
+    P = P / level
+    if P.transpose() != P or not positive_definite(P):
+        return RegionCheck(RegionVerdict.NOT_POSITIVE)
     inverse = P.inv()
     for limit in model.limits:
-        row = Matrix([[_rational(x) for x in limit.row]])
-        if _fraction((row * inverse * row.T)[0]) >= limit.margin**2:
-            return Check(Verdict.LIMIT, limit=limit.name)
-    E, Q = (root_above(_fraction(inverse[n, n])) for n in (E_ROW, Q_ROW))
+        row = fmpq_mat([limit.row])
+        if (row * inverse * row.transpose())[0, 0] >= limit.margin**2:
+            return RegionCheck(RegionVerdict.LIMIT, limit=limit.name)
+    E, Q = (root_above(inverse[n, n]) for n in (E_ROW, Q_ROW))
     extents = rounded_up(E / model.distance, EXTENT_GRAIN), rounded_up(Q, EXTENT_GRAIN)
     if extents[0] >= 1:
-        return Check(Verdict.LIMIT, limit="gap")
+        return RegionCheck(RegionVerdict.LIMIT, limit="gap")
     plane = Plane(model, P, extents, pace)
     (p, o), (_, r) = plane.shadow
     if p <= 0 or p * r <= o**2:
-        return Check(Verdict.NOT_POSITIVE)
+        return RegionCheck(RegionVerdict.NOT_POSITIVE)
     if not plane.falls_at_centre():
-        return Check(Verdict.NOT_FALLING, place=(0.0, 0.0))
+        return RegionCheck(RegionVerdict.NOT_FALLING, place=(0.0, 0.0))
     return _cover(plane)
 
 
-def _cover(plane: Plane) -> Check:
+def _cover(plane: Plane) -> RegionCheck:
     """Bisect the plane until every cell is shown; give up at the first that cannot be."""
-    one = Fraction(1)
+    one = fmpq(1)
     waiting, shown = [Cell(-one, one, -one, one)], 0
     while waiting:
         cell = waiting.pop()
@@ -143,10 +143,10 @@ def _cover(plane: Plane) -> Check:
             a, b = cell.centre
             X, Q = plane.extents
             place = float(a * X * plane.model.distance), float(b * Q)
-            return Check(Verdict.NOT_FALLING, shown, place=place)
+            return RegionCheck(RegionVerdict.NOT_FALLING, shown, place=place)
         else:
             waiting.extend(cell.halves())
-    return Check(Verdict.PROVED, shown)
+    return RegionCheck(RegionVerdict.PROVED, shown)
 
 
 @dataclass(frozen=True)
@@ -157,17 +157,15 @@ class Plane:
     """
 
     model: Deviation
-    P: Matrix
+    P: fmpq_mat
     extents: Extents
-    pace: Fraction
+    pace: fmpq
 
     @cached_property
     def forms(self) -> tuple[tuple[Form, ...], tuple[Form, ...]]:
         """Upper bounds of S for every multiplier, while the integrator is frozen and runs."""
         found = {
-            mode: tuple(
-                upper_form(self._eliminated(A, _rational(x * self.pace))) for x in MULTIPLIERS
-            )
+            mode: tuple(upper_form(self._eliminated(A, x * self.pace)) for x in MULTIPLIERS)
             for mode, A in ((FROZEN, self.model.frozen), (RUNNING, self.model.running))
         }
         return found[FROZEN], found[RUNNING]
@@ -188,15 +186,15 @@ class Plane:
         return tuple(tuple(-x for x in row) for row in upper_form(-_schur(self.P, 2, self._units)))
 
     @property
-    def _units(self) -> Matrix:
+    def _units(self) -> tuple[fmpq, fmpq]:
         X, Q = self.extents
-        return diag(_rational(X * self.model.distance), _rational(Q))
+        return X * self.model.distance, Q
 
-    def _quadratic(self, A: Matrix, multiplier: Rational) -> Matrix:
+    def _quadratic(self, A: fmpq_mat, multiplier: fmpq) -> fmpq_mat:
         """Return V' - lambda V as a form in (e, q, phi, f)."""
         n = self.model.order
-        rate = self.P * A + A.T * self.P - multiplier * self.P
-        whole = Matrix.zeros(n + 1)
+        rate = self.P * A + A.transpose() * self.P - multiplier * self.P
+        whole = fmpq_mat(n + 1, n + 1)
         places = [0, 1, *range(3, n + 1)]
         for i, j in product(range(n), repeat=2):
             whole[places[i], places[j]] = rate[i, j]
@@ -204,14 +202,15 @@ class Plane:
             whole[2, places[i]] = whole[places[i], 2] = self.P[V_ROW, i]
         return whole
 
-    def _eliminated(self, A: Matrix, multiplier: Rational) -> Matrix:
-        units = diag(*self._units.diagonal(), _rational(self.model.gravity))
+    def _eliminated(self, A: fmpq_mat, multiplier: fmpq) -> fmpq_mat:
+        units = (*self._units, self.model.gravity)
         return _schur(self._quadratic(A, multiplier), 3, units)
 
     def falls_at_centre(self) -> bool:
         """Return whether V' < 0 where e = q = 0: what makes the maximum over f exist."""
-        blocks = (self._quadratic(A, 0)[3:, 3:] for A in (self.model.running, self.model.frozen))
-        return all(positive_definite(-block) for block in blocks)
+        others = range(3, self.model.order + 1)
+        forms = (self._quadratic(A, fmpq(0)) for A in (self.model.running, self.model.frozen))
+        return all(positive_definite(-_block(form, others, others)) for form in forms)
 
     def outside(self, cell: Cell) -> bool:
         """Return whether no point of the set projects into the cell."""
@@ -236,20 +235,20 @@ class Plane:
         values: Array = np.maximum(*[self.floats @ s @ s for s in ends]) + self.lambdas
         return values
 
-    def bound(self, cell: Cell, force: Force, mode: int, pick: int) -> Fraction:
+    def bound(self, cell: Cell, force: Force, mode: int, pick: int) -> fmpq:
         """Return an upper bound of G on the cell, for one of the multipliers."""
         S, multiplier = self.forms[mode][pick], MULTIPLIERS[pick] * self.pace
-        s: list[Fraction] = [*cell.centre, force.middle]
+        s: list[fmpq] = [*cell.centre, force.middle]
         half_a, half_b = cell.radii
         rest = force.rest
-        Ss = [sum((x * y for x, y in zip(row, s, strict=True)), Fraction(0)) for row in S]
-        a, b = (sum(slopes, Fraction(0)) / 2 for slopes in (force.by_e, force.by_q))
+        Ss = [sum((x * y for x, y in zip(row, s, strict=True)), fmpq(0)) for row in S]
+        a, b = (sum(slopes, fmpq(0)) / 2 for slopes in (force.by_e, force.by_q))
         along_a, along_b = S[0][2] + a * S[2][2], S[1][2] + b * S[2][2]
         first = abs(Ss[0] + a * Ss[2]) * half_a + abs(Ss[1] + b * Ss[2]) * half_b
         mixed = S[0][1] + b * S[0][2] + a * along_b
         second = (
-            max(S[0][0] + a * (S[0][2] + along_a), Fraction(0)) * half_a**2
-            + max(S[1][1] + b * (S[1][2] + along_b), Fraction(0)) * half_b**2
+            max(S[0][0] + a * (S[0][2] + along_a), fmpq(0)) * half_a**2
+            + max(S[1][1] + b * (S[1][2] + along_b), fmpq(0)) * half_b**2
             + 2 * abs(mixed) * half_a * half_b
         )
         left_over = rest * (
@@ -279,7 +278,7 @@ def _negative(S: Form, force: Force) -> bool:
     )
 
 
-def _restricted(S: Form, a: Fraction, b: Fraction) -> tuple[Fraction, Fraction, Fraction]:
+def _restricted(S: Form, a: fmpq, b: fmpq) -> tuple[fmpq, fmpq, fmpq]:
     """Return the entries of the form in (e, q)."""
     return (
         S[0][0] + a * (2 * S[0][2] + a * S[2][2]),
@@ -288,32 +287,30 @@ def _restricted(S: Form, a: Fraction, b: Fraction) -> tuple[Fraction, Fraction, 
     )
 
 
-def _schur(whole: Matrix, kept: int, units: Matrix) -> Matrix:
+def _block(form: fmpq_mat, rows: range, columns: range) -> fmpq_mat:
+    return fmpq_mat([[form[i, j] for j in columns] for i in rows])
+
+
+def _schur(whole: fmpq_mat, kept: int, units: Sequence[fmpq]) -> fmpq_mat:
     """Return the form left of `whole` when all but the first `kept` variables are extremal."""
-    cross, rest = whole[:kept, kept:], whole[kept:, kept:]
-    return units * (whole[:kept, :kept] - cross * rest.inv() * cross.T) * units
+    first, others = range(kept), range(kept, whole.nrows())
+    cross, rest = _block(whole, first, others), _block(whole, others, others)
+    left = _block(whole, first, first) - cross * rest.inv() * cross.transpose()
+    return fmpq_mat([[units[i] * left[i, j] * units[j] for j in first] for i in first])
 
 
-def upper_form(S: Matrix) -> Form:
+def upper_form(S: fmpq_mat) -> Form:
     """Return a form at least `S` with short entries."""
-    largest = max(abs(x) for x in S)
-    grain = Fraction(2) ** (math.ceil(math.log2(float(largest))) - DIGITS)
+    largest = max(abs(x) for x in S.entries())
+    grain = fmpq(2) ** (math.ceil(math.log2(float(largest))) - DIGITS)
     # entries move by half a grain, so eigenvalues by less than two for up to four variables
     return tuple(
-        tuple(round(_fraction(S[i, j]) / grain) * grain + 2 * grain * (i == j) for j in range(n))
-        for n in (S.shape[0],)
-        for i in range(n)
+        tuple(round(x / grain) * grain + 2 * grain * (i == j) for j, x in enumerate(row))
+        for i, row in enumerate(S.tolist())
     )
 
 
-def positive_definite(form: Matrix) -> bool:
+def positive_definite(form: fmpq_mat) -> bool:
     """Return whether all leading principal minors of a symmetric matrix are positive."""
-    return all(form[:k, :k].det() > 0 for k in range(1, form.shape[0] + 1))
-
-
-def _rational(x: Fraction | int) -> Rational:
-    return Rational(x.numerator, x.denominator)
-
-
-def _fraction(x: Rational) -> Fraction:
-    return Fraction(int(x.p), int(x.q))
+    minors = (range(k) for k in range(1, form.nrows() + 1))
+    return all(_block(form, minor, minor).det() > 0 for minor in minors)

@@ -48,7 +48,7 @@ SOLVED = ("Solved", "AlmostSolved")
 
 
 @dataclass(frozen=True)
-class Candidate:
+class FoundForm:
     """A form, the level that it seems to allow and its reach from rest.
 
     Attributes
@@ -68,12 +68,12 @@ class Candidate:
     pace: float
 
 
-def find_form(model: Deviation) -> Candidate | None:
+def find_form(model: Deviation) -> FoundForm | None:
     """Return the form with the largest reach from rest that was found; None if there is none."""
     loop = _scaled(model)
     if loop.pace <= 0:
         return None
-    best: Candidate | None = None
+    best: FoundForm | None = None
     projection, growth, idle = np.eye(2), 1.0, 0
     for _ in range(ROUNDS):
         form = _programme(loop, projection / growth**2)
@@ -87,7 +87,7 @@ def find_form(model: Deviation) -> Candidate | None:
         idle = 0 if best is None or best.reach == 0 or reach > 1.01 * best.reach else idle + 1
         if best is None or reach >= best.reach:
             scale = np.diag(1 / loop.sizes)
-            best = Candidate(scale @ form @ scale, level, reach, loop.pace)
+            best = FoundForm(scale @ form @ scale, level, reach, loop.pace)
         if idle > PATIENCE:
             break
         projection = _projection(form)
@@ -129,7 +129,7 @@ class _Scaled:
 
 
 def _scaled(model: Deviation) -> _Scaled:
-    running, frozen = (np.array(A, dtype=float) for A in (model.running, model.frozen))
+    running, frozen = (np.array(A.tolist(), dtype=float) for A in (model.running, model.frozen))
     rests = [float(x) for x in model.rest]
     gravity, distance = float(model.gravity), float(model.distance)
     _, by_x, by_share = force_program().numpy()(0.0, 1.0)

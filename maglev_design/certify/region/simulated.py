@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from maglev_design.certify.intervals.arithmetic import exact
 from maglev_design.certify.rationals import decimal
 from maglev_design.certify.region.guaranteed import Region
 from maglev_design.design import Design
@@ -164,7 +164,7 @@ def contradictions(region: Region, simulated: RegionMap) -> tuple[tuple[float, f
         When the map is of another gap, of a ratio outside the region's, or of the sampled law.
     """
     low, high = region.ratios
-    same = simulated.continuous and Fraction(simulated.gap) == region.model.gap
+    same = simulated.continuous and exact(simulated.gap) == region.model.gap
     if not same or not low <= decimal(simulated.ratio) <= high:
         raise ValueError("the region and the map are not of the same loop")
     rows, columns = np.nonzero(~simulated.survived)
