@@ -13,7 +13,7 @@ from scipy.linalg import expm
 from typer.testing import CliRunner
 
 from maglev_design.cli import app, certify_tables, certify_verb
-from maglev_design.cli.certify_verb import Request
+from maglev_design.cli.commands.certify import CertifyOptions
 from maglev_design.design import Design, PoleSpec, make_design
 from maglev_design.errors import InputError
 from maglev_design.files import finite
@@ -25,13 +25,6 @@ POLES = PoleSpec.double(1, 70)
 DESIGN = make_design(load_rig("belmonte2021"), POLES)
 MEASURED = {"operating_point.voltage": 2.0825}
 LOOP = {"ms", "mt", "gain", "gain_up", "gain_down", "phase_deg", "delay_s", "disk"}
-
-
-def request(**changes: Any) -> Request:
-    empty: dict[str, Any] = dict.fromkeys(
-        ("design", "rig", "controller", "zeta", "omega_n", "equilibrium", "method")
-    )
-    return Request(**(empty | {"gap_range": None, "beta_error": None} | changes))
 
 
 def rig_file(folder: Path, changes: dict[str, Any]) -> Path:
@@ -156,7 +149,7 @@ def test_without_a_certificate_the_earlier_one_does_not_stay(
 
 def test_a_reading_a_method_and_a_family_can_be_chosen(tmp_path: Path) -> None:
     own, error = certify_verb._subject(
-        request(
+        CertifyOptions(
             rig=str(rig_file(tmp_path, MEASURED)),
             zeta=1.2,
             equilibrium="measured",
@@ -250,13 +243,15 @@ def test_the_exported_coefficients_survive_the_promised_delay_and_no_more(
 def test_a_controller_is_judged_as_saved(tmp_path: Path) -> None:
     rig, design = load_rig("belmonte2021"), DESIGN
     path = design_file(tmp_path, rig, design)
-    own, error = certify_verb._subject(request(design=path))
+    own, error = certify_verb._subject(CertifyOptions(design=path))
     assert own.design.sha256 == design.sha256
     assert (own.family.ratios, error) == ((0.85, 1.15), None)
-    narrow, error = certify_verb._subject(request(design=design_file(tmp_path, rig, design, 0.05)))
+    narrow, error = certify_verb._subject(
+        CertifyOptions(design=design_file(tmp_path, rig, design, 0.05))
+    )
     assert narrow.family.ratios == pytest.approx((0.95, 1.05))
     assert error == pytest.approx(0.05)
-    same = request(design=path, zeta=1.0, equilibrium="model", method="tustin")
+    same = CertifyOptions(design=path, zeta=1.0, equilibrium="model", method="tustin")
     assert certify_verb._subject(same)[0].design.sha256 == design.sha256
     for option, value in (
         ("zeta", 1.1),
@@ -265,8 +260,9 @@ def test_a_controller_is_judged_as_saved(tmp_path: Path) -> None:
         ("method", "zoh"),
         ("controller", "fee-gpi"),
     ):
+        other: dict[str, Any] = {option: value}
         with pytest.raises(InputError, match=f"--{option.replace('_', '-')} = {value}"):
-            certify_verb._subject(request(design=path, **{option: value}))
+            certify_verb._subject(CertifyOptions(design=path, **other))
 
 
 def test_a_certificate_of_another_design_is_exit_4_and_names_both(
@@ -301,11 +297,11 @@ def test_an_older_certificate_and_a_second_key_are_refused(
     ):
         path.write_text(content, "utf-8")
         with pytest.raises(InputError) as caught:
-            certify_verb.check(path, request(), as_json=False)
+            certify_verb.check(path, CertifyOptions())
         for word in ("old.json", *words):
             assert word in str(caught.value)
     with pytest.raises(InputError, match="--zeta"):
-        certify_verb.check(path, request(zeta=1.0), as_json=False)
+        certify_verb.check(path, CertifyOptions(zeta=1.0))
 
 
 def test_no_region_is_offered_where_the_sampled_loop_is_unstable(
@@ -352,4 +348,4 @@ def test_a_voltage_that_disagrees_is_a_warning_with_the_implied_beta(
 )
 def test_bad_input_is_named(changes: dict[str, Any], word: str) -> None:
     with pytest.raises(InputError, match=word):
-        certify_verb._subject(request(**changes))
+        certify_verb._subject(CertifyOptions(**changes))

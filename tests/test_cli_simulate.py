@@ -14,7 +14,8 @@ from rigs import OFFSET, SHORT, changed, rig_with
 from typer.testing import CliRunner
 
 from maglev_design.cli import app
-from maglev_design.cli.simulate_setup import Request, Run, set_up
+from maglev_design.cli.commands.simulate import SimulateOptions
+from maglev_design.cli.simulate_setup import SimulationSetup, set_up
 from maglev_design.design import Design, PoleSpec, make_design, plant_beta
 from maglev_design.errors import InputError
 from maglev_design.files import finite
@@ -26,18 +27,6 @@ from maglev_design.simulate import loop_for, simulate
 EMULATED = {"emulator.period": 0.002, "emulator.sensor_step": 1e-6, "emulator.delay": 0.0005}
 VOLTAGE = 2.2
 """[V] Not the sqrt(g/beta) Y = 2.0825 V that K, C and m promise."""
-
-
-def asked(**options: Any) -> Request:
-    law = ("feedforward", "derivative", "filter", "start")
-    given = {name: options.pop(name, None) for name in law}
-    nothing = dict.fromkeys(
-        (
-            *("rig", "design", "plant", "test", "controller", "zeta", "omega_n", "equilibrium"),
-            *("method", "sample_time", "beta_ratio", "noise", "initial_error", "initial_velocity"),
-        )
-    )
-    return Request(**{**nothing, "emulate": False, "seed": 0, "options": given, **options})
 
 
 def saved(folder: Path, rig: Rig, equilibrium: Equilibrium = "model") -> tuple[Path, Design]:
@@ -76,7 +65,7 @@ def test_a_saved_controller_keeps_its_numbers_and_the_plant_moves(
 ) -> None:
     rig = rig_with(SHORT, {"operating_point.voltage": VOLTAGE})
     path, design = saved(tmp_path, rig, equilibrium)
-    run = set_up(asked(design=path, beta_ratio=ratio))
+    run = set_up(SimulateOptions(design=path, beta_ratio=ratio))
     assert run.design == design
     assert run.design.sha256 == design.sha256
     assert run.rig == rig
@@ -84,7 +73,7 @@ def test_a_saved_controller_keeps_its_numbers_and_the_plant_moves(
     if equilibrium == "measured":
         beta = rig.plant.gravity * rig.operating_point.gap**2 / VOLTAGE**2
         assert run.scenario.beta_plant == pytest.approx(beta / ratio, rel=1e-12)
-    assert set_up(asked(design=path, test="mismatch")).ratio == pytest.approx(1.15)
+    assert set_up(SimulateOptions(design=path, test="mismatch")).ratio == pytest.approx(1.15)
 
 
 @pytest.mark.parametrize(
@@ -108,7 +97,7 @@ def test_what_would_change_a_saved_controller_is_refused_with_the_remedy(
 ) -> None:
     path, _ = saved(tmp_path, rig_with(SHORT))
     with pytest.raises(InputError) as error:
-        set_up(asked(design=path, **options))
+        set_up(SimulateOptions(design=path, **options))
     for word in (*words, "leave" if "rig" not in options else "--plant"):
         assert word in str(error.value)
 
@@ -117,15 +106,16 @@ def test_options_that_say_what_the_saved_controller_is_are_no_contradiction(
     tmp_path: Path,
 ) -> None:
     path, design = saved(tmp_path, rig_with(SHORT))
-    same = {"equilibrium": "model", "method": "tustin", "controller": "tan-gpi", "filter": 10.0}
-    run = set_up(asked(design=path, sample_time=0.001, **same))
+    same: dict[str, Any] = {"equilibrium": "model", "method": "tustin", "filter": 10.0}
+    same["controller"] = "tan-gpi"
+    run = set_up(SimulateOptions(design=path, sample_time=0.001, **same))
     assert run.design == design
     assert not run.rediscretised
 
 
 def test_another_period_makes_another_controller_and_says_so(tmp_path: Path) -> None:
     path, design = saved(tmp_path, rig_with(SHORT))
-    run = set_up(asked(design=path, sample_time=0.0005))
+    run = set_up(SimulateOptions(design=path, sample_time=0.0005))
     assert run.rediscretised
     assert "rediscretised: another controller" in str(run)
     assert run.design.period == run.rig.sampling.period == 0.0005
@@ -135,29 +125,29 @@ def test_another_period_makes_another_controller_and_says_so(tmp_path: Path) -> 
     again = make_design(rig_with(SHORT, {"sampling.period": 0.0005}), design.poles)
     assert run.design.coefficients == pytest.approx(again.coefficients, rel=1e-12)
 
-    continuous = set_up(asked(design=path, sample_time=0.0))
+    continuous = set_up(SimulateOptions(design=path, sample_time=0.0))
     assert continuous.design == design
     assert "continuous" in str(continuous)
     assert not continuous.rediscretised
     assert continuous.as_dict()["controller_sha256"] is None
 
 
-def test_an_emulated_design_runs_at_its_own_period_unless_asked(tmp_path: Path) -> None:
+def test_an_emulated_design_runs_at_its_own_period_unless_SimulateOptions(tmp_path: Path) -> None:
     rig = rig_with(SHORT, EMULATED)
     path, design = saved(tmp_path, rig)
-    run = set_up(asked(design=path, emulate=True))
+    run = set_up(SimulateOptions(design=path, emulate=True))
     assert run.design == design
     assert run.rig.sampling.period == design.period == 0.001
     assert run.rig.sampling.delay == 0.0005
     assert run.emulate
     assert not run.rediscretised
     assert "emulated plant" in str(run)
-    other = set_up(asked(design=path, emulate=True, sample_time=0.002))
+    other = set_up(SimulateOptions(design=path, emulate=True, sample_time=0.002))
     assert other.rediscretised
     assert other.rig.sampling.period == 0.002
     # without a design the emulator's period is the controller's, as in the paper's sec. 5
     source = toml(tmp_path, changed(SHORT, EMULATED))
-    assert set_up(asked(rig=source, emulate=True)).rig.sampling.period == 0.002
+    assert set_up(SimulateOptions(rig=source, emulate=True)).rig.sampling.period == 0.002
 
 
 def test_a_saved_controller_meets_another_plant_with_its_own_numbers(tmp_path: Path) -> None:
@@ -176,7 +166,7 @@ def test_a_saved_controller_meets_another_plant_with_its_own_numbers(tmp_path: P
         "noise.position": 3e-6,
     }
     other = rig_with(SHORT, changes)
-    run = set_up(asked(design=path, plant=toml(tmp_path, changed(SHORT, changes))))
+    run = set_up(SimulateOptions(design=path, plant=toml(tmp_path, changed(SHORT, changes))))
     assert run.design == design
     assert run.scenario.beta_plant == plant_beta(other)
     assert run.ratio == pytest.approx(plant_beta(own) / plant_beta(other))
@@ -195,13 +185,13 @@ def test_another_plant_whose_gaps_the_path_leaves_is_refused_and_named(tmp_path:
     path, _ = saved(tmp_path, rig_with(SHORT))
     other = toml(tmp_path, OFFSET | {"limits": {"voltage": [0.0, 24.0], "gap": [0.0005, 0.02]}})
     with pytest.raises(InputError, match=r"--plant.*other.toml: operating_point.gap"):
-        set_up(asked(design=path, plant=other))
+        set_up(SimulateOptions(design=path, plant=other))
 
 
 def test_gains_that_no_poles_placed_are_shown_as_gains(tmp_path: Path) -> None:
     _, design = saved(tmp_path, rig_with(SHORT))
     own = replace(design, gains=(2e7, 1.3e6, 28000.0, 270.0))
-    run = set_up(asked(rig="belmonte2021"))
+    run = set_up(SimulateOptions(rig="belmonte2021"))
     assert "gains k0 = 2e+07, k1 = 1.3e+06, k2 = 28000, k3 = 270" in str(replace(run, design=own))
 
 
@@ -209,11 +199,11 @@ def test_gains_that_no_poles_placed_are_shown_as_gains(tmp_path: Path) -> None:
 
 
 def test_without_a_design_beta_c_moves_and_the_plant_stays() -> None:
-    run = set_up(asked(beta_ratio=1.15, zeta=0.9))
+    run = set_up(SimulateOptions(beta_ratio=1.15, zeta=0.9))
     assert run.scenario.beta_plant == plant_beta(run.rig)
     assert run.design.believed.beta == pytest.approx(1.15 * plant_beta(run.rig))
     with pytest.raises(InputError, match=r"--plant.*--design.*--rig quanser-maglev"):
-        set_up(asked(plant="quanser-maglev"))
+        set_up(SimulateOptions(plant="quanser-maglev"))
 
 
 @pytest.mark.parametrize(
@@ -236,7 +226,7 @@ def test_without_a_design_beta_c_moves_and_the_plant_stays() -> None:
     ids=["default", "pid", "continuous", "euler"],
 )
 def test_one_line_says_what_ran(options: dict[str, Any], line: str) -> None:
-    assert line in str(set_up(asked(**options)))
+    assert line in str(set_up(SimulateOptions(**options)))
 
 
 @pytest.mark.parametrize(
@@ -254,9 +244,9 @@ def test_one_line_says_what_ran(options: dict[str, Any], line: str) -> None:
 def test_a_ratio_that_no_plant_has_is_named(
     tmp_path: Path, ratio: float, word: str, design: bool
 ) -> None:
-    own = {"design": saved(tmp_path, rig_with(SHORT))[0]} if design else {}
+    own = saved(tmp_path, rig_with(SHORT))[0] if design else None
     with pytest.raises(InputError) as error:
-        set_up(asked(beta_ratio=ratio, **own))
+        set_up(SimulateOptions(beta_ratio=ratio, design=own))
     assert f"beta-ratio = {ratio!r} [-]" in str(error.value)
     assert word in str(error.value)
     assert ("per cent" in str(error.value)) == (ratio > 10)
@@ -300,7 +290,7 @@ def test_a_replay_takes_nothing_else(tmp_path: Path, option: str) -> None:
 
 def test_a_run_names_its_law_for_every_controller() -> None:
     for name in ("tan-gpi", "fee-gpi", "lin-pid", "state-feedback"):
-        run = set_up(asked(controller=name))
-        assert isinstance(run, Run)
+        run = set_up(SimulateOptions(controller=name))
+        assert isinstance(run, SimulationSetup)
         assert run.as_dict()["controller"] == name
         assert len(run.as_dict()["gains"]) == len(run.design.gains)

@@ -9,7 +9,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +21,8 @@ from typer.testing import CliRunner
 from maglev_design import record
 from maglev_design import sweep as sweeps
 from maglev_design.cli import app, sweep_verb
+from maglev_design.cli.commands.sweep import SweepOptions
 from maglev_design.cli.replay import replayed
-from maglev_design.cli.sweep_verb import Request
 from maglev_design.design import PoleSpec, make_design
 from maglev_design.errors import InputError
 from maglev_design.files import finite
@@ -35,6 +34,7 @@ SLOW = 240
 LOOPS = 800
 """Interpreted, a few milliseconds each: long enough to be stopped on the way."""
 CHUNK = 8
+PLAIN: dict[str, Any] = {"samples": 8, "jobs": 1}
 
 RIG = """
 name = "swept </script>"
@@ -94,30 +94,9 @@ def contents(folder: Path) -> dict[str, bytes]:
     }
 
 
-def request(**options: Any) -> Request:
-    nothing = Request(
-        rig=None,
-        designs=(),
-        controllers=(),
-        zeta=None,
-        omega_n=None,
-        equilibrium=None,
-        method=None,
-        samples=8,
-        sampling="lhs",
-        noise=None,
-        seed=0,
-        chunk=None,
-        jobs=1,
-        scheduler=None,
-        backend="auto",
-    )
-    return replace(nothing, **options)
-
-
 def swept(folder: Path, **options: Any) -> dict[str, Any]:
     """Run the verb in this process; return sweep.json."""
-    sweep_verb.sweep(request(**options), folder, force=False, as_json=True)
+    sweep_verb.sweep(SweepOptions(output=folder, json=True, **{**PLAIN, **options}))
     found = json.loads((folder / "sweep.json").read_text("utf-8"))
     assert isinstance(found, dict)
     return found
@@ -189,10 +168,10 @@ def test_saved_designs_run_the_same_scenarios(rig_file: str, tmp_path: Path) -> 
         folder = tmp_path / str(n)
         folder.mkdir()
         paths.append(save_design(folder, rig, 1.0, omega_n))
-    both = swept(tmp_path / "both", designs=tuple(paths), seed=4)
+    both = swept(tmp_path / "both", design=paths, seed=4)
     assert [d["poles"][0] for d in both["designs"]] == [[1.0, 60.0], [1.0, 80.0]]
     made = swept(
-        tmp_path / "made", rig=rig_file, zeta=1.0, omega_n=80.0, controllers=("tan-gpi",), seed=4
+        tmp_path / "made", rig=rig_file, zeta=1.0, omega_n=80.0, controller=["tan-gpi"], seed=4
     )
     second = both["designs"][1]
     assert second["quantiles"] == made["quantiles"]
@@ -202,7 +181,7 @@ def test_saved_designs_run_the_same_scenarios(rig_file: str, tmp_path: Path) -> 
     # The uncertainty of another file, for the same plant.
     other = tmp_path / "other.toml"
     other.write_text(RIG.format(more="gravity = [9.7, 9.9]"), "utf-8")
-    found = swept(tmp_path / "other", rig=str(other), designs=(paths[0],))
+    found = swept(tmp_path / "other", rig=str(other), design=[paths[0]])
     assert list(found["drawn"]) == ["ratio", "gravity", "initial_gap"]
 
 
@@ -212,26 +191,26 @@ def test_a_design_for_another_plant_is_refused(rig_file: str, tmp_path: Path) ->
     with pytest.raises(
         InputError, match=r"plant.mass = 0.03, not 0.02 as .*rig.toml has it; tune again"
     ):
-        swept(tmp_path / "out", rig=rig_file, designs=(path,))
+        swept(tmp_path / "out", rig=rig_file, design=[path])
     other = tmp_path / "two"
     other.mkdir()
     second = save_design(other, rig_with(SHORT, {"plant.mass": 0.03, "noise.input": 0}), 1.0, 70.0)
     with pytest.raises(
         InputError, match=r"two.*noise.input = 0.0, not 0.001 as .*design.json has it; say"
     ):
-        swept(tmp_path / "out", designs=(path, second))
+        swept(tmp_path / "out", design=[path, second])
 
 
 BAD: list[tuple[dict[str, Any], str]] = [
     ({"samples": 0}, "samples = 0: must be from 1 to"),
     ({"samples": 10**12}, "samples = 1000000000000: must be from 1 to"),
     ({"chunk": 3}, "chunk = 3: must be a multiple of 4"),
-    ({"controllers": ("tangpi",)}, "did you mean 'tan-gpi'"),
+    ({"controller": ["tangpi"]}, "did you mean 'tan-gpi'"),
     ({"zeta": -1.0}, "zeta = -1.0: must be"),
     ({"equilibrium": "measured"}, "operating_point.voltage [V] is missing"),
     ({"rig": "nowhere.toml"}, "nowhere.toml: cannot be read"),
-    ({"designs": (Path("nowhere.json"),)}, "nowhere.json: cannot be read"),
-    ({"designs": (Path("x.json"),), "omega_n": 3.0}, "--omega-n: belongs to --controller"),
+    ({"design": [Path("nowhere.json")]}, "nowhere.json: cannot be read"),
+    ({"design": [Path("x.json")], "omega_n": 3.0}, "--omega-n: belongs to --controller"),
     ({"scheduler": "tcp://127.0.0.1:1", "jobs": 2}, "--jobs: not with --scheduler"),
     ({"scheduler": "127.0.0.1", "jobs": None}, "tcp://HOST:PORT"),
 ]
@@ -330,7 +309,7 @@ def test_a_table_is_printed_for_a_person(
     replayable: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     sweep_verb.sweep(
-        request(rig=str(replayable.parent / "rig.toml")), replayable, force=False, as_json=False
+        SweepOptions(samples=8, jobs=1, rig=str(replayable.parent / "rig.toml"), output=replayable)
     )
     shown = capsys.readouterr()
     for words in ("drawn: ratio, initial_gap", "itae [m s²]", "levitates to the end in 100 %"):

@@ -14,16 +14,13 @@ from exported import judged, with_document
 from rigs import SHORT, rig_with
 
 from maglev_design import linear_loop as loops
+from maglev_design.cli.commands.verify import VerifyOptions
 from maglev_design.cli.verify_verb import verify
 from maglev_design.design import PoleSpec, make_design
 from maglev_design.design_data import design_as_data
 from maglev_design.errors import InputError
 from maglev_design.export import Verdict, export_folder, verify_folder
-from maglev_design.export.controller import (
-    controller_of,
-    doubts,
-    emulated_at_own_period,
-)
+from maglev_design.export.controller import controller_of, doubts, emulated_at_own_period
 from maglev_design.export.emulation import emulated_run
 from maglev_design.export.promises import PromiseSubject, certificate
 from maglev_design.export.vectors import Recorder
@@ -164,11 +161,11 @@ def test_the_ending_says_of_which_controller_and_with_which_code(
     forged = with_controller(tuned_record, PoleSpec.double(1.0, 40.0))
     export_folder(forged, "python", tmp_path / "out", allow_unverified=True)
     with pytest.raises(SystemExit) as ended:
-        verify(tmp_path / "out", as_json=False)
+        verify(VerifyOptions(folder=tmp_path / "out"))
     assert ended.value.code == 4
     assert capsys.readouterr().out.splitlines()[0] == f"controller {forged.design.sha256}"
     with pytest.raises(SystemExit):
-        verify(tmp_path / "out", as_json=True)
+        verify(VerifyOptions(folder=tmp_path / "out", json=True))
     assert json.loads(capsys.readouterr().out)["controller_sha256"] == forged.design.sha256
 
 

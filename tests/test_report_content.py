@@ -18,7 +18,14 @@ from maglev_design.report.chapter_emulated import emulated_chapter
 from maglev_design.report.chapters_result import summary_chapter, worst_chapter
 from maglev_design.report.chapters_theory import routh_chapter
 from maglev_design.report.commands import design_command, rig_toml
-from maglev_design.report.content import Chapter, Figure, Formula, Quantity, Report, Table
+from maglev_design.report.content import (
+    Figure,
+    Formula,
+    Quantity,
+    Report,
+    ReportSection,
+    Table,
+)
 from maglev_design.report.derivation_steps import _read, derivation_steps
 from maglev_design.report.escape import latex_text, markdown_code, markdown_text, one_line
 from maglev_design.report.words import number_latex, number_text, unit_latex, unit_text
@@ -31,15 +38,15 @@ def table(name: str, rows: int = 1) -> Table:
 
 def test_labels_count_tables_and_figures_apart_in_their_order() -> None:
     figure = Figure("picture", ("c",), "make")
-    first = Chapter("one", (table("x"), figure, Formula((("a", "= b"),), "25")))
-    report = Report("t", "s", (first, Chapter("two", (table("y"),), 2)))
+    first = ReportSection("one", (table("x"), figure, Formula((("a", "= b"),), "25")))
+    report = Report("t", "s", (first, ReportSection("two", (table("y"),), 2)))
     assert report.labels == {"x": "Table 1", "picture": "Figure 1", "25": "(25)", "y": "Table 2"}
     assert report.figures() == (figure,)
 
 
 def test_two_blocks_of_one_name_and_ragged_tables_are_refused() -> None:
     with pytest.raises(ValueError, match="two blocks"):
-        Report("t", "s", (Chapter("one", (table("x"), table("x"))),))
+        Report("t", "s", (ReportSection("one", (table("x"), table("x"))),))
     with pytest.raises(ValueError, match="different lengths"):
         Table("x", (), (("a",),), ((("1",), ("2",)),), "make", "l")
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
-from maglev_design.cli.output import number, table
+from maglev_design.cli.output import MARGINS, number, table
 
 SUBJECTS = {"fixed": "this one", "recomputed": "computed anew on each plant"}
 
@@ -175,17 +175,9 @@ def _width(row: dict[str, Any]) -> str:
 
 
 def _print_margins(document: dict[str, Any]) -> None:
-    shown = (
-        ("Ms", "ms", "", 1.0),
-        ("Mt", "mt", "", 1.0),
-        ("gain may rise by", "gain_up", "x", 1.0),
-        ("gain may fall to", "gain_down", "x", 1.0),
-        ("phase", "phase_deg", "deg", 1.0),
-        ("further delay", "delay_s", "ms", 1e3),
-        ("disk", "disk", "", 1.0),
-    )
+    peaks, disk = (("Ms", "ms", "", 1.0), ("Mt", "mt", "", 1.0)), ("disk", "disk", "", 1.0)
     rows = []
-    for label, key, unit, scale in shown:
+    for label, key, unit, scale in (*peaks, *MARGINS, disk):
         cells = []
         for where in ("margins_continuous", "margins"):
             entry = document[where][key]

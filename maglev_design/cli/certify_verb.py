@@ -2,61 +2,42 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+from maglev_design.cli.arguments import flag
 from maglev_design.cli.certify_tables import print_assessment
-from maglev_design.cli.output import print_json, progress_bar, say, table, warn
-from maglev_design.errors import InputError
+from maglev_design.cli.commands.certify import CertifyOptions
+from maglev_design.cli.output import json_bytes, print_json, progress_bar, say, table, warn
+from maglev_design.errors import InputError, VerificationError
 from maglev_design.files import finite, output_folder, write_bytes
-from maglev_design.options import (
-    SCHEMA_VERSION,
-    TAN_GPI,
-    Controller,
-    ControllerName,
-    Equilibrium,
-    Method,
-)
+from maglev_design.options import SCHEMA_VERSION, TAN_GPI, Controller
 
 RESULT, CERTIFICATE = "robustness.json", "certificate.json"
-VERIFICATION_FAILED = 4
 
 
-@dataclass(frozen=True)
-class Request:
-    """What was asked for on the command line; None where nothing was said."""
-
-    design: Path | None
-    rig: str | None
-    controller: ControllerName | None
-    zeta: float | None
-    omega_n: float | None
-    equilibrium: Equilibrium | None
-    method: Method | None
-    gap_range: tuple[float, float] | None
-    beta_error: float | None
-
-
-def certify(request: Request, output: Path | None, *, force: bool, as_json: bool) -> None:
-    """Assess, print, save."""
+def certify(options: CertifyOptions) -> None:
+    """Assess, print, save; or only check."""
+    if options.check is not None:
+        check(options.check, options)
+        return
     from maglev_design.certify.assessment import assess  # noqa: PLC0415
     from maglev_design.certify.region.guaranteed import RegionStatus, status_as_data  # noqa: PLC0415
     from maglev_design.design import voltage_warning  # noqa: PLC0415
 
-    own, beta_error = _subject(request)
+    own, beta_error = _subject(options)
     disagreement = voltage_warning(own.rig)
-    folder = output_folder(output, force=force) if output else None
+    folder = output_folder(options.output, force=options.force) if options.output else None
     certificates: tuple[Any, ...] = ()
     region, refused = None, None
     with progress_bar() as progress:
         found = assess(own, lambda stage, done: progress(stage, 0.6 * done))
         if own.design.controller == TAN_GPI:
             progress("Lyapunov functions", 0.6)
-            certificates = _certificates(own, beta_error, request)
+            certificates = _certificates(own, beta_error, options)
             progress("region of initial errors", 0.7)
             if found.spectral_radius.value < 1:
                 region = _region(own, progress)
@@ -65,7 +46,7 @@ def certify(request: Request, output: Path | None, *, force: bool, as_json: bool
     document = {"rig": own.rig.name, **found.as_dict()}
     document["lmi"] = [certificate.as_dict() for certificate in certificates]
     document["region"] = region.as_dict() if region else refused
-    if as_json:
+    if options.json:
         print_json(document)
     else:
         print_assessment(document)
@@ -73,16 +54,15 @@ def certify(request: Request, output: Path | None, *, force: bool, as_json: bool
         warn(text)
     if folder is not None:
         saved = finite({"schema_version": SCHEMA_VERSION} | document)
-        text = json.dumps(saved, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-        write_bytes(folder / RESULT, text.encode())
+        write_bytes(folder / RESULT, json_bytes(saved, 2))
         for path in (folder / RESULT, *_proofs(certificates, folder), *_figures(region, folder)):
             say(f"written: {path}")
     if region is not None and region.contradictions:
         say("verification failed: a guaranteed start did not survive the simulation")
-        sys.exit(VERIFICATION_FAILED)
+        sys.exit(VerificationError.exit_code)
 
 
-def check(path: Path, request: Request, *, as_json: bool) -> None:
+def check(path: Path, options: CertifyOptions) -> None:
     """Verify a written certificate anew, and that it is of a design where one is given.
 
     Exit code 4 when something in it does not hold, or when it is another controller's.
@@ -90,13 +70,13 @@ def check(path: Path, request: Request, *, as_json: bool) -> None:
     from maglev_design.certify.lyapunov import certificate  # noqa: PLC0415
     from maglev_design.record import load  # noqa: PLC0415
 
-    said = [x for x, value in vars(request).items() if value is not None and x != "design"]
+    own = ("design", "check", "output", "force", "json")
+    said = [x for x, value in vars(options).items() if value is not None and x not in own]
     if said:
-        option = said[0].replace("_", "-")
-        raise InputError(f"--{option}: says nothing beside --check; leave one of the two out")
-    record = load(request.design) if request.design else None
+        raise InputError(f"{flag(said[0])}: says nothing beside --check; leave one of the two out")
+    record = load(options.design) if options.design else None
     found = certificate.check(path, (record.design, record.rig) if record else None)
-    if as_json:
+    if options.json:
         print_json(found.as_dict())
     else:
         rows = [(c.name, "yes" if c.passed else "NO", c.detail) for c in found.checks]
@@ -108,14 +88,14 @@ def check(path: Path, request: Request, *, as_json: bool) -> None:
     if not found.passed:
         failed = ", ".join(f"{c.name} ({c.detail})" for c in found.checks if not c.passed)
         say(f"verification failed: {failed}")
-        sys.exit(VERIFICATION_FAILED)
+        sys.exit(VerificationError.exit_code)
 
 
-def _certificates(own: Any, beta_error: float | None, request: Request) -> tuple[Any, ...]:
+def _certificates(own: Any, beta_error: float | None, options: CertifyOptions) -> tuple[Any, ...]:
     from maglev_design.certify.lyapunov.lmi import certify_family  # noqa: PLC0415
 
     error = None if beta_error is None else _decimal(beta_error)
-    return certify_family(own.design, own.rig, beta_error=error, gap_range=request.gap_range)
+    return certify_family(own.design, own.rig, beta_error=error, gap_range=options.gap_range)
 
 
 def _decimal(value: float) -> Fraction:
@@ -189,56 +169,48 @@ def _figures(region: _Region | None, folder: Path) -> tuple[Path, ...]:
         return tuple(save_figure(figure, folder / f"region{end}") for end in (".png", ".svg"))
 
 
-def _subject(request: Request) -> tuple[Any, float | None]:
+def _subject(options: CertifyOptions) -> tuple[Any, float | None]:
     """Return which controller is judged on what, and the error of beta where it was said."""
     from maglev_design.certify.assessment import subject  # noqa: PLC0415
-    from maglev_design.design import (  # noqa: PLC0415
-        PAPER_POLES,
-        PoleSpec,
-        check_path_voltage,
-        make_design,
-    )
+    from maglev_design.cli.law import asked_poles  # noqa: PLC0415
+    from maglev_design.design import check_path_voltage, make_design  # noqa: PLC0415
     from maglev_design.options import DEFAULT_PRESET  # noqa: PLC0415
     from maglev_design.rig import load_rig  # noqa: PLC0415
 
-    beta_error = request.beta_error
-    if request.design is not None:
-        rig, design, saved = _saved(request.design, request)
+    beta_error = options.beta_error
+    if options.design is not None:
+        rig, design, saved = _saved(options.design, options)
         beta_error = saved if beta_error is None else beta_error
     else:
-        rig = load_rig(request.rig or DEFAULT_PRESET)
-        zeta, omega_n = PAPER_POLES
+        rig = load_rig(options.rig or DEFAULT_PRESET)
         design = make_design(
             rig,
-            PoleSpec.double(
-                zeta if request.zeta is None else request.zeta,
-                omega_n if request.omega_n is None else request.omega_n,
-            ),
-            controller=Controller(request.controller or "tan-gpi"),
-            equilibrium=request.equilibrium or "model",
-            method=request.method,
+            asked_poles(options),
+            controller=Controller(options.controller or "tan-gpi"),
+            equilibrium=options.equilibrium or "model",
+            method=options.method,
         )
     check_path_voltage(rig)
-    own = subject(rig, design, beta_error=beta_error, gap_range=request.gap_range)
+    own = subject(rig, design, beta_error=beta_error, gap_range=options.gap_range)
     return own, beta_error
 
 
-def _saved(path: Path, request: Request) -> tuple[Any, Any, float | None]:
+def _saved(path: Path, options: CertifyOptions) -> tuple[Any, Any, float | None]:
     """Return rig, controller and error of beta of a saved design; nothing of it may be changed."""
     from maglev_design.family import family_of  # noqa: PLC0415
     from maglev_design.record import load  # noqa: PLC0415
 
-    if request.rig is not None:
+    if options.rig is not None:
         raise InputError("--rig: the saved design brings its own rig; leave one of the two out")
     record = load(path)
     rig, design = record.rig, record.design
     zetas, speeds = zip(design.poles.first, design.poles.second, strict=True)
     for option, said, fixed in (
-        ("equilibrium", request.equilibrium, (design.equilibrium,)),
-        ("method", request.method, (design.method,)),
-        ("controller", request.controller, (design.controller.name,)),
-        ("zeta", request.zeta, zetas),
-        ("omega-n", request.omega_n, speeds),
+        ("equilibrium", options.equilibrium, (design.equilibrium,)),
+        ("method", options.method, (design.method,)),
+        ("controller", options.controller, (design.controller.name,)),
+        ("zeta", options.zeta, zetas),
+        ("omega-n", options.omega_n, speeds),
     ):
         if said is not None and any(said != value for value in fixed):
             raise InputError(

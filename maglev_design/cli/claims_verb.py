@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import sys
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-from maglev_design.cli.output import Progress, print_json, progress_bar, say, table
+from maglev_design.cli.commands.claims import ClaimsOptions
+from maglev_design.cli.output import (
+    Progress,
+    json_bytes,
+    print_json,
+    progress_bar,
+    say,
+    table,
+    typed,
+)
 from maglev_design.design import check_path_voltage
 from maglev_design.errors import InputError, nearest
 from maglev_design.files import finite, output_folder, write_bytes
@@ -24,29 +30,17 @@ from maglev_design.report.claims_text import details, markdown, summary_rows, ta
 from maglev_design.rig import Rig, load_rig
 
 
-@dataclass(frozen=True)
-class Request:
-    """What was asked for on the command line."""
-
-    rig: str
-    rigs: int
-    seed: int
-    only: str | None
-
-
-def judge_claims(
-    request: Request, output: Path | None, *, force: bool, as_json: bool, command: str
-) -> None:
+def judge_claims(options: ClaimsOptions) -> None:
     """Judge every claim, print the ledger, write it."""
-    rig = load_rig(request.rig)
+    rig = load_rig(options.rig)
     check_path_voltage(rig)
-    folder = output_folder(output, force=force) if output else None
+    folder = output_folder(options.output, force=options.force) if options.output else None
     with progress_bar() as progress:
-        claims = _judged(rig, request, progress)
-    document = _document(rig, chosen(claims, request.only), request)
-    if as_json:
+        claims = _judged(rig, options, progress)
+    document = _document(rig, chosen(claims, options.only), options)
+    if options.json:
         print_json(document)
-    elif request.only:
+    elif options.only:
         for claim in document["claims"]:
             sys.stdout.write("\n".join(details(claim)) + "\n\n")
     else:
@@ -59,22 +53,22 @@ def judge_claims(
         )
         say("evidence and corrections: --json, -o FOLDER, or --only ID")
     if folder is not None:
-        text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-        for name, content in (("claims.json", text), ("claims.md", markdown(document, command))):
-            write_bytes(folder / name, content.encode())
+        page = markdown(document, typed()).encode()
+        for name, content in (("claims.json", json_bytes(document, 1)), ("claims.md", page)):
+            write_bytes(folder / name, content)
             say(f"written: {folder / name}")
 
 
-def _judged(rig: Rig, request: Request, progress: Progress) -> list[Claim]:
+def _judged(rig: Rig, options: ClaimsOptions, progress: Progress) -> list[Claim]:
     """Return the claims, cheap ones first; no further than to one that was asked for by its id."""
     progress("equations", 0.0)
     claims = [*equation_claims()]
-    if request.only not in {claim.id for claim in claims}:
+    if options.only not in {claim.id for claim in claims}:
         progress("theory", 0.1)
-        claims += theory_claims(rig, random_rigs(request.rigs, request.seed))
-    if request.only not in {claim.id for claim in claims}:
+        claims += theory_claims(rig, random_rigs(options.rigs, options.seed))
+    if options.only not in {claim.id for claim in claims}:
         rows = survey(rig, progress)
-        claims += simulated_claims(rig, rows, seed=request.seed, progress=progress)
+        claims += simulated_claims(rig, rows, seed=options.seed, progress=progress)
     return claims
 
 
@@ -92,14 +86,14 @@ def chosen(claims: list[Claim], only: str | None) -> list[Claim]:
     return found
 
 
-def _document(rig: Rig, claims: list[Claim], request: Request) -> dict[str, Any]:
+def _document(rig: Rig, claims: list[Claim], options: ClaimsOptions) -> dict[str, Any]:
     return dict(
         finite(
             {
                 "schema_version": SCHEMA_VERSION,
                 "rig": rig_as_data(rig),
-                "rigs": request.rigs,
-                "seed": request.seed,
+                "rigs": options.rigs,
+                "seed": options.seed,
                 "claims": [claim.as_dict() for claim in claims],
             }
         )

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import math
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from maglev_design.cli.output import print_json, progress_bar, say, table, warn
+from maglev_design.cli.commands.compare import CompareOptions
+from maglev_design.cli.output import json_bytes, print_json, progress_bar, say, table, typed, warn
 from maglev_design.design import PoleSpec, check_path_voltage
 from maglev_design.errors import InputError
 from maglev_design.files import finite, output_folder, write_bytes
@@ -30,95 +30,76 @@ from maglev_design.rig import Emulator, Rig, load_rig
 from maglev_design.tune import TuneResult, build_problem, solve
 
 
-@dataclass(frozen=True)
-class Request:
-    """What was asked for on the command line; None where nothing was said."""
-
-    rig: str
-    design: Path | None
-    equilibrium: Equilibrium | None
-    method: str | None
-    sample_time: float | None
-    opposite_error: bool
-    position_noise: float | None
-    seeds: int
-    seed: int
-    tuned: bool
-    variants: bool
-    emulate: bool
-    survey: bool
-
-
-def compare_controllers(
-    request: Request, output: Path | None, *, force: bool, as_json: bool, command: str
-) -> None:
+def compare_controllers(options: CompareOptions) -> None:
     """Run the tests, print the tables, write page, data and figures."""
-    record = load(request.design) if request.design else None
-    rig = record.rig if record else load_rig(request.rig)
+    record = load(options.design) if options.design else None
+    rig = record.rig if record else load_rig(options.rig)
     check_path_voltage(rig)
     readings = _readings(
-        rig, request, moves=record is None, equilibrium=_equilibrium(request, record)
+        rig, options, moves=record is None, equilibrium=_equilibrium(options, record)
     )
-    folder = output_folder(output, force=force) if output else None
+    folder = output_folder(options.output, force=options.force) if options.output else None
     with progress_bar() as progress:
-        poles = record.design.poles if record else _tuned(rig, request, readings[0], progress)
+        poles = record.design.poles if record else _tuned(rig, options, readings[0], progress)
         found = compare(
             rig,
-            contenders(poles, variants=request.variants),
+            contenders(poles, variants=options.variants),
             readings,
-            seeds=request.seeds,
-            seed=request.seed,
-            emulate=request.emulate and rig.emulator != Emulator(),
+            seeds=options.seeds,
+            seed=options.seed,
+            emulate=options.emulate and rig.emulator != Emulator(),
             progress=progress,
         )
-        rows = survey(rig, progress) if request.survey else ()
-    document = _document(rig, found, request.seed)
+        rows = survey(rig, progress) if options.survey else ()
+    document = _document(rig, found, options.seed)
     document["orderings"] = finite([o.as_dict() for o in orderings(rows)] if rows else [])
-    written = _write(folder, document, found, command) if folder else ()
-    if as_json:
+    written = _write(folder, document, found, typed()) if folder else ()
+    if options.json:
         print_json(document)
     else:
         _print(document)
     for path in written:
         say(f"written: {path}")
-    if folder is None and not as_json:
+    if folder is None and not options.json:
         say("nothing was saved; -o FOLDER keeps the page, the data and the figures")
 
 
-def _equilibrium(request: Request, record: Any) -> Equilibrium:
+def _equilibrium(options: CompareOptions, record: Any) -> Equilibrium:
     own: Equilibrium = record.design.equilibrium if record else "model"
-    return request.equilibrium or own
+    return options.equilibrium or own
 
 
 def _readings(
-    rig: Rig, request: Request, *, moves: bool, equilibrium: Equilibrium
+    rig: Rig, options: CompareOptions, *, moves: bool, equilibrium: Equilibrium
 ) -> tuple[Reading, ...]:
     """Return the readings that were asked for, the first for the figures."""
-    noise = rig.noise.position if request.position_noise is None else request.position_noise
+    noise = rig.noise.position if options.position_noise is None else options.position_noise
     if not (math.isfinite(noise) and noise >= 0):
         raise InputError(f"position-noise = {noise!r} m: must be a finite number, 0 or more")
     period = rig.sampling.period
-    wanted = request.method or rig.sampling.method
+    wanted = options.method or rig.sampling.method
     methods = [m for m in METHODS if wanted in (m, "all")]
-    if request.sample_time == 0:
+    if options.sample_time == 0:
         first = Reading(equilibrium, None, period, noise)
-        return (replace(first, mirrored=request.opposite_error, controller_moves=moves),)
+        return (replace(first, mirrored=options.opposite_error, controller_moves=moves),)
     return tuple(
         Reading(
             equilibrium,
             method,
-            period if request.sample_time is None else request.sample_time,
+            period if options.sample_time is None else options.sample_time,
             noise,
-            mirrored=request.opposite_error,
+            mirrored=options.opposite_error,
             controller_moves=moves,
         )
         for method in methods
     )
 
 
-def _tuned(rig: Rig, request: Request, reading: Reading, progress: Progress) -> PoleSpec | None:
+def _tuned(
+    rig: Rig, options: CompareOptions, reading: Reading, progress: Progress
+) -> PoleSpec | None:
     """Return the poles of the tuned TAN-GPI, or nothing where there is none to show."""
-    if not request.tuned:
+    if not options.tuned:
         return None
     problem = build_problem(rig, equilibrium=reading.equilibrium, method=reading.method)
     result = solve(problem, progress)
@@ -154,11 +135,10 @@ def _write(
 
     curves = {test: [vars(curve) for curve in shown] for test, shown in found.curves.items()}
     figures = comparison_figures(document, curves, folder)
-    text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     page = markdown(document, command, [f.name for f in figures if f.suffix == ".png"])
     paths = (folder / "comparison.json", folder / "comparison.md")
-    for path, content in zip(paths, (text, page), strict=True):
-        write_bytes(path, content.encode())
+    for path, content in zip(paths, (json_bytes(document, 1), page.encode()), strict=True):
+        write_bytes(path, content)
     return (*paths, *figures)
 
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from typing import Any
 
-from maglev_design.cli.output import number, table
+from maglev_design.cli.output import number, plain, table
+from maglev_design.report.chapter_emulated import emulated_rows, parts_of
+from maglev_design.report.content import Quantity, Runs
 
 
 def emulated_warnings(document: dict[str, Any]) -> list[str]:
@@ -13,13 +16,13 @@ def emulated_warnings(document: dict[str, Any]) -> list[str]:
     found = document["emulated"]
     if found is None:
         return []
-    lost = [part for part in (found, found["worst"]) if part["lost"]]
-    if not lost:
-        return []
     where = "; ".join(
         f"at beta_c/beta = {part['ratio']:g} in {part['lost']} of {part['seeds']} runs"
-        for part in {part["ratio"]: part for part in lost}.values()
+        for part in parts_of(found)
+        if part["lost"]
     )
+    if not where:
+        return []
     return [
         f"ON THE EMULATED RIG THE BALL IS LOST, {where} ({_effects(found)}): what follows is of a "
         "plant without these effects; do not run this design on the rig that the file describes"
@@ -101,15 +104,9 @@ def _limit(less: dict[str, Any]) -> str:
 
 
 def _rows(name: str, found: dict[str, Any]) -> list[tuple[str, ...]]:
-    parts = {part["ratio"]: part for part in (found, found["worst"])}
-    return [
-        (
-            name,
-            f"{ratio:g}",
-            number(part["itae"]["median"], "m s²"),
-            f"[{part['itae']['low']:.3g}, {part['itae']['high']:.3g}]",
-            number(part["total_variation"]["median"], "V"),
-            f"{part['lost']} of {part['seeds']}",
-        )
-        for ratio, part in parts.items()
-    ]
+    return [tuple(map(plain, row)) for row in emulated_rows(name, found, _interval, digits=6)]
+
+
+def _interval(itae: Mapping[str, float]) -> tuple[Runs, ...]:
+    low, high = (Quantity(itae[end], digits=3) for end in ("low", "high"))
+    return (("[", low, ", ", high, "]"),)

@@ -2,39 +2,28 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
+from maglev_design.cli.commands.export import ExportOptions
 from maglev_design.cli.output import print_json, say, table, warn
 from maglev_design.export import export_folder
-from maglev_design.options import Target
 from maglev_design.record import load
 
 
-def export(
-    design: Path,
-    target: Target,
-    output: Path,
-    *,
-    prefix: str,
-    allow_unverified: bool,
-    force: bool,
-    as_json: bool,
-) -> None:
+def export(options: ExportOptions) -> None:
     """Write the folder and print what is in it."""
-    record = load(design)
+    record, target, output = load(options.design), options.target, options.output
     done = export_folder(
         record,
         target,
         output,
-        prefix=prefix,
-        allow_unverified=allow_unverified,
-        force=force,
+        prefix=options.prefix,
+        allow_unverified=options.allow_unverified,
+        force=options.force,
     )
-    if as_json:
+    if options.json:
         print_json(
             {
                 "target": target,
-                "prefix": prefix,
+                "prefix": options.prefix,
                 "controller_sha256": record.design.sha256,
                 "verified": not done.doubts,
                 "doubts": list(done.doubts),

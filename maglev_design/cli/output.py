@@ -5,13 +5,18 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from maglev_design.files import finite
 from maglev_design.options import SCHEMA_VERSION
+from maglev_design.report.content import Code, Inline, Quantity, Runs, Strong
+from maglev_design.report.words import unit_text
 
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it."""
 Progress = Callable[[str, float], None]
 
 
@@ -19,6 +24,17 @@ def print_json(document: dict[str, Any]) -> None:
     """Print one JSON document, the schema version first, infinities as null."""
     text = json.dumps(finite({"schema_version": SCHEMA_VERSION} | document), indent=2)
     sys.stdout.write(text + "\n")
+
+
+def typed() -> str:
+    """Return what was typed, without the output folder and without the places of files."""
+    words, skip = ["maglev-design"], False
+    for word in sys.argv[1:]:
+        if skip or word in ("-o", "--output", "--force"):
+            skip = word in ("-o", "--output") and not skip
+            continue
+        words.append(Path(word).name if os.sep in word else word)
+    return " ".join(words)
 
 
 def say(text: str) -> None:
@@ -84,8 +100,39 @@ def progress_bar() -> Iterator[Progress]:
         yield lambda stage, done: bar.update(task, description=stage, completed=done)
 
 
+MARGINS = (
+    ("gain may rise by", "gain_up", "x", 1.0),
+    ("gain may fall to", "gain_down", "x", 1.0),
+    ("phase", "phase_deg", "deg", 1.0),
+    ("further delay", "delay_s", "ms", 1e3),
+)
+"""Label, key, unit and the factor from SI of the margins that every verb shows."""
+
+
 def number(value: float | None, unit: str = "", digits: int = 4) -> str:
     """Return a number as people write it: ``9.934e-06 m s^2``, ``5 V``, ``none``."""
     if value is None:
         return "none"
     return f"{value:.{digits}g} {'' if unit == '-' else unit}".rstrip()
+
+
+def plain(runs: Runs) -> str:
+    """Return a report's line of words and numbers as the terminal prints it."""
+    return "".join(map(_plain, runs))
+
+
+def _plain(run: Inline) -> str:
+    match run:
+        case Quantity(value, unit, digits):
+            return number(value, "" if unit == "-" else unit_text(unit), digits)
+        case Code(text) | Strong(text):
+            return text
+        case str():
+            return run
+    raise TypeError(f"{run!r} has no form on the terminal")
+
+
+def json_bytes(document: Mapping[str, Any], indent: int) -> bytes:
+    """Return a document as a file holds it; its numbers must be finite."""
+    text = json.dumps(document, indent=indent, ensure_ascii=False, allow_nan=False)
+    return (text + "\n").encode()

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
-from typing import Literal
 
+from maglev_design.cli.commands.report import ReportOptions
 from maglev_design.cli.output import print_json, progress_bar, say, warn
 from maglev_design.errors import InputError
 from maglev_design.files import output_folder
@@ -15,33 +14,26 @@ from maglev_design.report import pdf_form
 from maglev_design.report.write import FORMS, Form, write_report
 
 
-def report(
-    design: Path,
-    form: Literal["all"] | Form,
-    output: Path,
-    *,
-    force: bool,
-    as_json: bool,
-) -> None:
+def report(options: ReportOptions) -> None:
     """Read a design record, write its report, name the files."""
-    record = load(design)
+    record = load(options.design)
     law = record.design.controller.name
     if law != TAN_GPI.name:
         raise InputError(
-            f"{design}: its law is {law}: a report is written of {TAN_GPI.name} only, whose "
-            "derivation it shows; simulate, sweep and certify take this design"
+            f"{options.design}: its law is {law}: a report is written of {TAN_GPI.name} only, "
+            "whose derivation it shows; simulate, sweep and certify take this design"
         )
-    forms: tuple[Form, ...] = FORMS if form == "all" else (form,)
-    if form == "all" and pdf_form.tool() is None:
+    forms: tuple[Form, ...] = FORMS if options.form == "all" else (options.form,)
+    if options.form == "all" and pdf_form.tool() is None:
         forms = tuple(f for f in forms if f != "pdf")
         warn("no PDF: neither pdflatex nor the extra [pdf] is installed")
-    folder = output_folder(output, force=force)
+    folder = output_folder(options.output, force=options.force)
     with progress_bar() as progress:
         progress("report", 0.0)
         written = write_report(record, folder, forms)
     if not record.curves:
-        warn(f"{design.with_suffix('.npz')}: not there, the report has no curves")
-    if as_json:
+        warn(f"{options.design.with_suffix('.npz')}: not there, the report has no curves")
+    if options.json:
         print_json({"files": [path.as_posix() for path in written]})
     else:
         for path in written:

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from maglev_design.cli.law import chosen_law
+from maglev_design.cli.arguments import flag
+from maglev_design.cli.commands.simulate import SimulateOptions
+from maglev_design.cli.law import PID, asked_poles, chosen_law
 from maglev_design.design import (
-    PAPER_POLES,
     Design,
-    PoleSpec,
     check_path_voltage,
     coefficient_inputs,
     difference_coefficients,
@@ -20,7 +20,7 @@ from maglev_design.design import (
     voltage_on_plant,
 )
 from maglev_design.errors import InputError
-from maglev_design.options import DEFAULT_PRESET, ControllerName, Equilibrium, Method, TestName
+from maglev_design.options import DEFAULT_PRESET, ControllerName, Method
 from maglev_design.paper.trials import TRIALS, Trial
 from maglev_design.programs import gains_program
 from maglev_design.rig import Emulator, Rig, load_rig, make_rig
@@ -42,62 +42,32 @@ METHODS: dict[Method, str] = {
 }
 
 
-@dataclass(frozen=True)
-class Request:
-    """What was asked for on the command line; None where nothing was said."""
+def _trial(options: SimulateOptions) -> Trial:
+    """Return the paper's test that was asked for; the nominal one by default."""
+    return next(trial for trial in TRIALS if trial.name == (options.test or "nominal"))
 
-    rig: str | None
-    design: Path | None
-    plant: str | None
-    test: TestName | None
-    controller: ControllerName | None
-    options: dict[str, Any]
-    emulate: bool
-    zeta: float | None
-    omega_n: float | None
-    equilibrium: Equilibrium | None
-    method: Method | None
-    sample_time: float | None
-    beta_ratio: float | None
-    noise: bool | None
-    initial_error: float | None
-    initial_velocity: float | None
-    seed: int
-    replay: str | None = None
 
-    @property
-    def trial(self) -> Trial:
-        """The paper's test that was asked for; the nominal one by default."""
-        return next(trial for trial in TRIALS if trial.name == (self.test or "nominal"))
+def _ratio(options: SimulateOptions) -> float:
+    """Return the ratio beta_c/beta that was asked for, or that of the test; refuse what is none."""
+    if options.beta_ratio is None:
+        return _trial(options).ratio
+    ratio, (low, high) = options.beta_ratio, RATIOS
+    if not low <= ratio <= high:
+        percent = f"; is it per cent? {ratio:g} % is {ratio / 100:g}" if ratio > high else ""
+        raise InputError(
+            f"beta-ratio = {ratio!r} [-]: must be a number from {low:g} to {high:g}, the "
+            f"controller's beta over the plant's{percent}"
+        )
+    return ratio
 
-    @property
-    def ratio(self) -> float:
-        """The ratio beta_c/beta that was asked for, or that of the test.
 
-        Raises
-        ------
-        InputError
-            For a ratio that no plant has.
-        """
-        if self.beta_ratio is None:
-            return self.trial.ratio
-        ratio, (low, high) = self.beta_ratio, RATIOS
-        if not low <= ratio <= high:
-            percent = f"; is it per cent? {ratio:g} % is {ratio / 100:g}" if ratio > high else ""
-            raise InputError(
-                f"beta-ratio = {ratio!r} [-]: must be a number from {low:g} to {high:g}, the "
-                f"controller's beta over the plant's{percent}"
-            )
-        return ratio
-
-    @property
-    def continuous(self) -> bool:
-        """Whether the continuous law was asked for."""
-        return self.sample_time == 0
+def _continuous(options: SimulateOptions) -> bool:
+    """Whether the continuous law was asked for."""
+    return options.sample_time == 0
 
 
 @dataclass(frozen=True)
-class Run:
+class SimulationSetup:
     """One controller on one plant, ready to run.
 
     Attributes
@@ -181,89 +151,86 @@ def _placement(design: Design) -> str:
     return f"zeta {zeta:g} and {other:g}, omega_n {omega:g} and {last:g} rad/s"
 
 
-def set_up(request: Request) -> Run:
+def set_up(options: SimulateOptions) -> SimulationSetup:
     """Return what the options ask for."""
-    if request.design is None:
-        return _without_a_design(request)
-    return _saved(request, request.design)
+    if options.design is None:
+        return _without_a_design(options)
+    return _saved(options, options.design)
 
 
-def _without_a_design(request: Request) -> Run:
+def _without_a_design(options: SimulateOptions) -> SimulationSetup:
     """Return a controller made here, as in the paper: its beta_c moves, the plant stays."""
-    if request.plant is not None:
+    if options.plant is not None:
         raise InputError(
             "--plant: puts a saved controller on another plant; give it with --design, or take "
-            f"--rig {request.plant}"
+            f"--rig {options.plant}"
         )
-    ratio, rig = request.ratio, load_rig(request.rig or DEFAULT_PRESET)
-    period = request.sample_time or None
+    ratio, rig = _ratio(options), load_rig(options.rig or DEFAULT_PRESET)
+    period = options.sample_time or None
     if period is not None:
         rig = _with_period(rig, period)
-    rig = _emulated(rig, period, request)
+    rig = _emulated(rig, period, options)
     check_path_voltage(rig)
-    beta, (zeta, omega_n) = plant_beta(rig), PAPER_POLES
+    beta = plant_beta(rig)
     design = make_design(
         rig,
-        PoleSpec.double(
-            zeta if request.zeta is None else request.zeta,
-            omega_n if request.omega_n is None else request.omega_n,
-        ),
-        controller=chosen_law(request.controller or "tan-gpi", request.options),
-        equilibrium=request.equilibrium or "model",
-        method=request.method,
+        asked_poles(options),
+        controller=chosen_law(options.controller or "tan-gpi", options),
+        equilibrium=options.equilibrium or "model",
+        method=options.method,
         beta_c=beta * ratio,
         voltage=voltage_on_plant(rig, beta),
     )
-    return Run(
+    return SimulationSetup(
         rig,
         design,
-        _scenario(rig, beta, request),
+        _scenario(rig, beta, options),
         ratio,
         "the plant stays, the controller's beta_c moves, as in the paper's test 3",
-        request.continuous,
-        request.emulate,
-        by_default=request.zeta is None and request.omega_n is None,
+        _continuous(options),
+        options.emulate,
+        by_default=options.zeta is None and options.omega_n is None,
     )
 
 
-def _saved(request: Request, path: Path) -> Run:
+def _saved(options: SimulateOptions, path: Path) -> SimulationSetup:
     """Return a saved controller, its numbers as they are: the plant moves."""
     from maglev_design.record import load  # noqa: PLC0415 - only when a design is given
 
-    if request.rig is not None:
+    if options.rig is not None:
         raise InputError(
-            f"--rig with --design: a saved design has its rig; --plant {request.rig} is how it "
+            f"--rig with --design: a saved design has its rig; --plant {options.rig} is how it "
             "meets another plant"
         )
-    ratio, record = request.ratio, load(path)
+    ratio, record = _ratio(options), load(path)
     own, design, moves = record.rig, record.design, PLANT_MOVES
-    _check_same(request, design)
-    period = request.sample_time or design.period
+    _check_same(options, design)
+    period = options.sample_time or design.period
     if period != design.period:
         own = _with_period(own, period)
         known = coefficient_inputs(own, design.believed) | design.named_gains
         made = difference_coefficients(known, design.method, design.controller)
         design = replace(design, period=period, coefficients=made)
     rig, beta = own, design.beta_at(ratio)
-    if request.plant is not None:
-        rig = _on_plant(own, design, request.plant, request)
+    if options.plant is not None:
+        rig = _on_plant(own, design, options.plant, options)
         beta, moves = plant_beta(rig), "another rig's plant, the controller stays"
         ratio = design.believed.beta / beta
-    rig = _emulated(rig, period, request)
+    rig = _emulated(rig, period, options)
     check_path_voltage(rig)
-    return Run(
+    return SimulationSetup(
         rig,
         design,
-        _scenario(rig, beta, request),
+        _scenario(rig, beta, options),
         ratio,
         moves,
-        request.continuous,
-        request.emulate,
+        _continuous(options),
+        options.emulate,
         rediscretised=period != record.design.period,
     )
 
 
-def _check_same(request: Request, design: Design) -> None:
+def _check_same(options: SimulateOptions, design: Design) -> None:
     """Refuse options that would make another controller than the saved one."""
     law, poles, placed = design.controller, design.poles.values, _are_placed(design)
     own: dict[str, tuple[Any, ...]] = {
@@ -272,16 +239,16 @@ def _check_same(request: Request, design: Design) -> None:
         "equilibrium": (design.equilibrium,),
         "method": (design.method,),
         "controller": (law.name,),
-        **{name: (getattr(law, name),) for name in request.options},
+        **{name: (getattr(law, name),) for name in PID},
     }
-    asked = vars(request) | request.options
+    asked = vars(options)
     other = {
         name: asked[name]
         for name, values in own.items()
         if asked[name] is not None and set(values) != {asked[name]}
     }
     if other:
-        names = ", ".join(f"--{name.replace('_', '-')} {x}" for name, x in other.items())
+        names = ", ".join(f"{flag(name)} {x}" for name, x in other.items())
         raise InputError(
             f"{names}: not what the saved design has ({LAWS[law.name]}, {_placement(design)}, "
             f"method {design.method}, reading {design.equilibrium}), and --design runs exactly "
@@ -290,16 +257,16 @@ def _check_same(request: Request, design: Design) -> None:
         )
 
 
-def _on_plant(own: Rig, design: Design, source: str, request: Request) -> Rig:
+def _on_plant(own: Rig, design: Design, source: str, options: SimulateOptions) -> Rig:
     """Return another rig's plant on the path, period and voltage range of the controller's."""
     plant = load_rig(source)
-    if request.beta_ratio is not None or request.test == "mismatch":
+    if options.beta_ratio is not None or options.test == "mismatch":
         raise InputError(
             "--plant with --beta-ratio or --test mismatch: the other rig has its own beta; leave "
             "one of the two out"
         )
     constants = [(rig.plant.gravity, rig.plant.gap_offset) for rig in (own, plant)]
-    if request.continuous and design.controller.name == "fee-gpi" and len(set(constants)) > 1:
+    if _continuous(options) and design.controller.name == "fee-gpi" and len(set(constants)) > 1:
         raise InputError(
             "--plant with --sample-time 0: the continuous FEE-GPI would read gravity and "
             "gap_offset of the other plant; leave --sample-time out"
@@ -310,16 +277,16 @@ def _on_plant(own: Rig, design: Design, source: str, request: Request) -> Rig:
     return make_rig(data, f"--plant {source}")
 
 
-def _emulated(rig: Rig, period: float | None, request: Request) -> Rig:
+def _emulated(rig: Rig, period: float | None, options: SimulateOptions) -> Rig:
     """Return the rig as it is emulated, where that was asked for, at a period that was given."""
-    if not request.emulate:
+    if not options.emulate:
         return rig
     if rig.emulator == Emulator():
         raise InputError(
             f"--emulate: the rig {rig.name!r} has no [emulator] table; give it inductance [H] and "
             "resistance [ohm], sensor_step [m], actuator_step [V], period [s] or delay [s]"
         )
-    if request.continuous:
+    if _continuous(options):
         raise InputError("--emulate: the emulated rig runs a sampled controller, not sample-time 0")
     return emulated(rig, period)
 
@@ -330,20 +297,20 @@ def _with_period(rig: Rig, period: float) -> Rig:
     return make_rig(data, "--sample-time")
 
 
-def _scenario(rig: Rig, beta: float, request: Request) -> Scenario:
+def _scenario(rig: Rig, beta: float, options: SimulateOptions) -> Scenario:
     """Return the start that was asked for, checked against the gap limits, and the noise."""
     gap, velocity = rig.initial.gap, rig.initial.velocity
-    if request.initial_error is not None:
-        gap = rig.reference.start_gap + request.initial_error
+    if options.initial_error is not None:
+        gap = rig.reference.start_gap + options.initial_error
         low, high = rig.limits.gap
         if not low < gap < high:
             raise InputError(
-                f"initial-error = {request.initial_error!r} m: the ball would start at {gap:.4g} m;"
+                f"initial-error = {options.initial_error!r} m: the ball would start at {gap:.4g} m;"
                 f" allowed is a start inside limits.gap, {low:g} m to {high:g} m"
             )
-    if request.initial_velocity is not None:
-        velocity = request.initial_velocity
+    if options.initial_velocity is not None:
+        velocity = options.initial_velocity
         if not math.isfinite(velocity):
             raise InputError(f"initial-velocity = {velocity!r}: must be finite")
-    noise = request.trial.noise if request.noise is None else request.noise
-    return Scenario(beta, gap, velocity, noise=noise, seed=request.seed)
+    noise = _trial(options).noise if options.noise is None else options.noise
+    return Scenario(beta, gap, velocity, noise=noise, seed=options.seed)

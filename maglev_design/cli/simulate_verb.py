@@ -3,35 +3,42 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from maglev_design.cli.arguments import flag
+from maglev_design.cli.commands.simulate import SimulateOptions
+from maglev_design.cli.law import PID
 from maglev_design.cli.output import number, print_json, say, table, warn
-from maglev_design.cli.simulate_setup import PLANT_MOVES, Request, Run, set_up
+from maglev_design.cli.simulate_setup import PLANT_MOVES, SimulationSetup, set_up
 from maglev_design.errors import InputError
 from maglev_design.files import write_bytes
 from maglev_design.simulate import Response, StatedErrors, loop_for, respond, stated_errors
 from maglev_design.simulate import simulate as run_loop
 
+OF_A_REPLAY = ("seed", "replay", "csv", "plot", "json")
+"""What may stand beside --replay."""
 
-def simulate(request: Request, csv: Path | None, plot: Path | None, *, as_json: bool) -> None:
+
+def simulate(options: SimulateOptions) -> None:
     """Run the loop, print its figures, write what was asked for."""
-    if request.replay is not None:
-        _replay(request, csv, plot, as_json=as_json)
+    if options.replay is not None:
+        _replay(options)
         return
-    run = set_up(request)
+    run = set_up(options)
     response, stated = _stated(run)
-    _write(run, response, csv, plot)
-    if as_json:
+    _write(run, response, options)
+    if options.json:
         print_json(_document(run, response, stated))
         return
     _print(run, response, stated)
-    _tell(response, csv, plot)
+    _tell(response, options)
 
 
-def _stated(run: Run) -> tuple[Response, StatedErrors]:
+def _stated(run: SimulationSetup) -> tuple[Response, StatedErrors]:
     return stated_errors(
         run.rig,
         run.design,
@@ -42,26 +49,26 @@ def _stated(run: Run) -> tuple[Response, StatedErrors]:
     )
 
 
-def _replay(request: Request, csv: Path | None, plot: Path | None, *, as_json: bool) -> None:
+def _replay(options: SimulateOptions) -> None:
     """Run one scenario of a sweep again, on the sweep's own steps, and compare."""
     from maglev_design.cli.replay import TOLERANCE, difference, replayed  # noqa: PLC0415
 
-    _nothing_else(request)
-    found = replayed(str(request.replay))
+    _nothing_else(options)
+    found = replayed(str(options.replay))
     rig, design, scenario = found.rig, found.design, found.scenario
     ratio = design.believed.beta / scenario.beta_plant
-    run = Run(rig, design, scenario, ratio, PLANT_MOVES)
+    run = SimulationSetup(rig, design, scenario, ratio, PLANT_MOVES)
     response = run_loop(loop_for(rig, design), design, scenario)
     _, stated = _stated(run)
-    _write(run, response, csv, plot)
+    _write(run, response, options)
     off = difference(found, response)
-    if as_json:
+    if options.json:
         print_json(_document(run, response, stated) | {"replay": found.as_dict(off)})
     else:
         _print(run, response, stated)
         drawn = ", ".join(f"{name} = {value:.6g}" for name, value in found.drawn.items())
         sys.stdout.write(f"Scenario {scenario.index}, seed {scenario.seed}: {drawn or 'as is'}.\n")
-        _tell(response, csv, plot)
+        _tell(response, options)
     if off is None:
         say("the sweep's own figures of this scenario are not there to compare with")
     elif off > TOLERANCE:
@@ -69,40 +76,24 @@ def _replay(request: Request, csv: Path | None, plot: Path | None, *, as_json: b
             f"the sweep recorded figures that differ by {off:.1g} (usually below {TOLERANCE:g}): "
             "another machine, or a loop that amplifies rounding"
         )
-    elif not as_json:
+    elif not options.json:
         say(f"agrees with the sweep to {off:.1g}")
 
 
-def _nothing_else(request: Request) -> None:
+def _nothing_else(options: SimulateOptions) -> None:
     """Refuse options that a replay takes from the sweep."""
     given = [
-        name
-        for name in (
-            "rig",
-            "design",
-            "plant",
-            "test",
-            "controller",
-            "zeta",
-            "omega_n",
-            "equilibrium",
-            "method",
-            "sample_time",
-            "beta_ratio",
-            "noise",
-            "initial_error",
-            "initial_velocity",
-        )
-        if getattr(request, name) is not None
+        field.name
+        for field in fields(options)
+        if field.name not in OF_A_REPLAY and getattr(options, field.name) != field.default
     ]
-    given += [name for name, value in request.options.items() if value is not None]
-    given += ["emulate"] if request.emulate else []
+    given.sort(key=(*PID, "emulate").__contains__)  # these last
     if given:
-        names = ", ".join(f"--{name.replace('_', '-')}" for name in given)
+        names = ", ".join(map(flag, given))
         raise InputError(f"{names}: a replay takes everything from the sweep; leave it out")
 
 
-def _document(run: Run, response: Response, stated: StatedErrors) -> dict[str, Any]:
+def _document(run: SimulationSetup, response: Response, stated: StatedErrors) -> dict[str, Any]:
     return (
         response.metrics.as_dict()
         | run.as_dict()
@@ -113,25 +104,25 @@ def _document(run: Run, response: Response, stated: StatedErrors) -> dict[str, A
     )
 
 
-def _write(run: Run, response: Response, csv: Path | None, plot: Path | None) -> None:
-    if csv is not None:
-        write_bytes(csv, _csv(response).encode())
-    if plot is not None:
-        _plot(response, f"{run.rig.name}, ratio {run.ratio:g}", plot)
+def _write(run: SimulationSetup, response: Response, options: SimulateOptions) -> None:
+    if options.csv is not None:
+        write_bytes(options.csv, _csv(response).encode())
+    if options.plot is not None:
+        _plot(response, f"{run.rig.name}, ratio {run.ratio:g}", options.plot)
 
 
-def _tell(response: Response, csv: Path | None, plot: Path | None) -> None:
+def _tell(response: Response, options: SimulateOptions) -> None:
     """Say what a person must not miss, and what was written."""
     crash = response.metrics.crash
     if crash is not None:
         end = "hit the magnet" if crash.where == "magnet" else "dropped"
         warn(f"the ball {end} at t = {crash.time:.4g} s; the metrics count it lying there")
-    for path in (csv, plot):
+    for path in (options.csv, options.plot):
         if path is not None:
             say(f"written: {path}")
 
 
-def _print(run: Run, response: Response, stated: StatedErrors) -> None:
+def _print(run: SimulationSetup, response: Response, stated: StatedErrors) -> None:
     metrics, kind = response.metrics, "a bound" if stated.bound else "an estimate"
     sys.stdout.write(f"{run}\n\n")
     rows: list[tuple[str, str]] = [

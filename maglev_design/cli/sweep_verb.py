@@ -2,32 +2,34 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import time
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from maglev_design import sweep as sweeps
-from maglev_design.cli.output import number, print_json, progress_bar, say, table, warn
-from maglev_design.design import PAPER_POLES, Design, PoleSpec, check_path_voltage, make_design
+from maglev_design.cli.arguments import flag
+from maglev_design.cli.commands.sweep import SweepOptions
+from maglev_design.cli.law import asked_poles
+from maglev_design.cli.output import (
+    INTERRUPTED,
+    json_bytes,
+    number,
+    print_json,
+    progress_bar,
+    say,
+    table,
+    warn,
+)
+from maglev_design.design import Design, check_path_voltage, make_design
 from maglev_design.errors import InputError, nearest
 from maglev_design.files import finite, output_folder, write_bytes
-from maglev_design.options import (
-    CONTROLLERS,
-    DEFAULT_PRESET,
-    Backend,
-    Controller,
-    Equilibrium,
-    Method,
-)
+from maglev_design.options import CONTROLLERS, DEFAULT_PRESET, Controller
 from maglev_design.record import DesignRecord, load
 from maglev_design.rig import DRAWN, Rig, load_rig
 from maglev_design.simulate import cores
 
-INTERRUPTED = 130
 RESULT = "sweep.json"
 OF_CONTROLLER = ("plant", "operating_point", "sampling", "limits")
 """Sections of a rig that a design is computed from."""
@@ -47,62 +49,40 @@ UNITS = {
 MOST_ROWS = 5
 
 
-@dataclass(frozen=True)
-class Request:
-    """What was asked for on the command line; None where nothing was said."""
-
-    rig: str | None
-    designs: tuple[Path, ...]
-    controllers: tuple[str, ...]
-    zeta: float | None
-    omega_n: float | None
-    equilibrium: Equilibrium | None
-    method: Method | None
-    samples: int
-    sampling: sweeps.Sampling
-    noise: bool | None
-    seed: int
-    chunk: int | None
-    jobs: int | None
-    scheduler: str | None
-    backend: Backend
-
-
-def sweep(request: Request, output: Path, *, force: bool, as_json: bool) -> None:
+def sweep(options: SweepOptions) -> None:
     """Compute what is missing, print, save."""
-    rig, designs = _rig_and_designs(request)
+    rig, designs = _rig_and_designs(options)
     check_path_voltage(rig)
     setup = sweeps.make_setup(
         rig,
         designs,
-        samples=request.samples,
-        seed=request.seed,
-        sampling=request.sampling,
-        chunk=request.chunk,
-        noise=request.noise,
-        backend=request.backend,
+        samples=options.samples,
+        seed=options.seed,
+        sampling=options.sampling,
+        chunk=options.chunk,
+        noise=options.noise,
+        backend=options.backend,
     )
-    runner = _runner(request)
-    folder = output_folder(output, force=force)
+    runner = _runner(options)
+    folder = output_folder(options.output, force=options.force)
     for text in _warnings(setup):
         warn(text)
     result, kept = None, 0
     with progress_bar() as progress:
         meter = _Meter(setup, progress)
         try:
-            result = sweeps.sweep(setup, folder, runner, force=force, told=meter.told)
+            result = sweeps.sweep(setup, folder, runner, force=options.force, told=meter.told)
         except KeyboardInterrupt:
             kept = meter.kept
     if result is None:  # outside the handler, so that no interrupt is behind the exit
         say(
-            f"interrupted: {kept} of {setup.chunks} chunks are kept in {output}; the same command "
-            "continues"
+            f"interrupted: {kept} of {setup.chunks} chunks are kept in {options.output}; the "
+            "same command continues"
         )
         sys.exit(INTERRUPTED)
     document = finite(result.as_dict())
-    text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    write_bytes(folder / RESULT, text.encode())
-    if as_json:
+    write_bytes(folder / RESULT, json_bytes(document, 2))
+    if options.json:
         print_json(document)
     else:
         _print(document)
@@ -155,52 +135,49 @@ def _clock(seconds: float) -> str:
     return f"{minutes} min {rest} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
 
 
-def _runner(request: Request) -> sweeps.Runner:
-    if request.scheduler is not None:
-        if request.jobs is not None:
+def _runner(options: SweepOptions) -> sweeps.Runner:
+    if options.scheduler is not None:
+        if options.jobs is not None:
             raise InputError("--jobs: not with --scheduler, whose workers are what they are")
-        return sweeps.on_cluster(request.scheduler)
-    if request.jobs is None:
+        return sweeps.on_cluster(options.scheduler)
+    if options.jobs is None:
         return partial(sweeps.locally, cores=cores())
-    if request.jobs == 1:
+    if options.jobs == 1:
         return sweeps.in_process
-    return partial(sweeps.in_processes, jobs=request.jobs)
+    return partial(sweeps.in_processes, jobs=options.jobs)
 
 
-def _rig_and_designs(request: Request) -> tuple[Rig, tuple[Design, ...]]:
+def _rig_and_designs(options: SweepOptions) -> tuple[Rig, tuple[Design, ...]]:
     """Return the rig whose scenarios are drawn, and every controller that runs them."""
-    made = bool(request.controllers) or not request.designs
+    paths, named = options.design or [], options.controller or []
+    made = bool(named) or not paths
     if not made:
         for name in ("zeta", "omega_n", "equilibrium", "method"):
-            if getattr(request, name) is not None:
+            if getattr(options, name) is not None:
                 raise InputError(
-                    f"--{name.replace('_', '-')}: belongs to --controller; what a saved design is "
+                    f"{flag(name)}: belongs to --controller; what a saved design is "
                     "stands in its file"
                 )
-    records = [load(path) for path in request.designs]
-    if request.rig is not None or not records:
-        rig = load_rig(request.rig or DEFAULT_PRESET)
+    records = [load(path) for path in paths]
+    if options.rig is not None or not records:
+        rig = load_rig(options.rig or DEFAULT_PRESET)
     else:
         rig = records[0].rig
-    for path, record in zip(request.designs, records, strict=True):
-        against = request.rig or request.designs[0]
-        _same_rig(path, record, rig, against=str(against), named=request.rig is not None)
+    for path, record in zip(paths, records, strict=True):
+        against = options.rig or paths[0]
+        _same_rig(path, record, rig, against=str(against), named=options.rig is not None)
     designs = [record.design for record in records]
     if made:
-        zeta, omega_n = PAPER_POLES
-        poles = PoleSpec.double(
-            zeta if request.zeta is None else request.zeta,
-            omega_n if request.omega_n is None else request.omega_n,
-        )
+        poles = asked_poles(options)
         designs += [
             make_design(
                 rig,
                 poles,
                 controller=_controller(name),
-                equilibrium=request.equilibrium or "model",
-                method=request.method,
+                equilibrium=options.equilibrium or "model",
+                method=options.method,
             )
-            for name in request.controllers or ("tan-gpi",)
+            for name in named or ("tan-gpi",)
         ]
     return rig, tuple(designs)
 

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import sys
 from dataclasses import asdict
-from pathlib import Path
 
+from maglev_design.cli.commands.verify import VerifyOptions
 from maglev_design.cli.output import number, print_json, progress_bar, say, table, warn
+from maglev_design.errors import VerificationError
 from maglev_design.export import Check, verify_folder
 
-FAILED = 4
 
-
-def verify(folder: Path, *, as_json: bool) -> None:
+def verify(options: VerifyOptions) -> None:
     """Check the folder, print one table; exit 4 when a check fails."""
     with progress_bar() as progress:
-        verdict = verify_folder(folder, progress)
-    if as_json:
+        verdict = verify_folder(options.folder, progress)
+    if options.json:
         print_json(
             {
                 "passed": verdict.passed,
@@ -30,7 +29,7 @@ def verify(folder: Path, *, as_json: bool) -> None:
     else:
         table(
             f"controller {verdict.controller_sha256 or 'not read'}\n"
-            f"{folder} (closed loops: {verdict.ran or 'none'})",
+            f"{options.folder} (closed loops: {verdict.ran or 'none'})",
             ("check", "passed", "value", "limit", "note"),
             [_row(check) for check in verdict.checks],
             words=2,
@@ -44,7 +43,7 @@ def verify(folder: Path, *, as_json: bool) -> None:
     for check in failed:
         say(f"failed: {check.name}: {_found(check)}{f' ({check.note})' if check.note else ''}")
     if failed:
-        sys.exit(FAILED)
+        sys.exit(VerificationError.exit_code)
     say(f"all {len(verdict.checks)} checks passed")
 
 

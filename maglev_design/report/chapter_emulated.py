@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from maglev_design.record import DesignRecord
 from maglev_design.report.chapters_theory import RATIO
 from maglev_design.report.commands import design_command
-from maglev_design.report.content import Chapter, Paragraph, Quantity, Runs, Strong, Table
+from maglev_design.report.content import (
+    Paragraph,
+    Quantity,
+    ReportSection,
+    Runs,
+    Strong,
+    Table,
+)
 
 
-def emulated_chapter(record: DesignRecord) -> Chapter | None:
+def emulated_chapter(record: DesignRecord) -> ReportSection | None:
     """Return what the design does on the emulated rig; None where the rig emulates nothing."""
     found, pair = record.document.get("emulated"), record.document["baseline"]
     if found is None:
         return None
-    rows = [*_rows("design", found)]
+    rows = [*emulated_rows("design", found)]
     if found["baseline"] is not None and pair is not None:
-        rows += _rows("yardstick", found["baseline"])
+        rows += emulated_rows("yardstick", found["baseline"])
     table = Table(
         "emulated",
         (
@@ -45,7 +52,7 @@ def emulated_chapter(record: DesignRecord) -> Chapter | None:
         f", the controller was run {found['seeds']} times with noise. ",
         Strong(_verdict(found)),
     )
-    return Chapter("On the emulated rig", (Paragraph(told), table))
+    return ReportSection("On the emulated rig", (Paragraph(told), table))
 
 
 LOST = "On the rig that the file describes the ball is lost: no other figure of this report holds."
@@ -53,7 +60,7 @@ LOST = "On the rig that the file describes the ball is lost: no other figure of 
 
 def is_lost(found: Mapping[str, Any] | None) -> bool:
     """Whether any run on the emulated rig loses the ball."""
-    return found is not None and bool(found["lost"] or found["worst"]["lost"])
+    return found is not None and any(part["lost"] for part in parts_of(found))
 
 
 def _verdict(found: Mapping[str, Any]) -> str:
@@ -72,13 +79,29 @@ def _verdict(found: Mapping[str, Any]) -> str:
     )
 
 
-def _rows(name: str, found: Mapping[str, Any]) -> Iterator[tuple[Runs, ...]]:
-    for part in {part["ratio"]: part for part in (found, found["worst"])}.values():
-        itae = part["itae"]
+def _from_to(itae: Mapping[str, float]) -> tuple[Runs, ...]:
+    """Return the ends of an interval as two cells."""
+    return ((Quantity(itae["low"], "m s^2"),), (Quantity(itae["high"], "m s^2"),))
+
+
+def parts_of(found: Mapping[str, Any]) -> tuple[Mapping[str, Any], ...]:
+    """Return what came out at the exact ratio and, where that is another, at the worst one."""
+    return tuple({part["ratio"]: part for part in (found, found["worst"])}.values())
+
+
+def emulated_rows(
+    name: str,
+    found: Mapping[str, Any],
+    interval: Callable[[Mapping[str, float]], tuple[Runs, ...]] = _from_to,
+    digits: int = 4,
+) -> Iterator[tuple[Runs, ...]]:
+    """Yield what became of one controller: a row for each ratio, `digits` of which are shown."""
+    for part in parts_of(found):
         yield (
             (name,),
-            (Quantity(part["ratio"]),),
-            *((Quantity(itae[key], "m s^2"),) for key in ("median", "low", "high")),
+            (Quantity(part["ratio"], digits=digits),),
+            (Quantity(part["itae"]["median"], "m s^2"),),
+            *interval(part["itae"]),
             (Quantity(part["total_variation"]["median"], "V"),),
             (f"{part['lost']} of {part['seeds']}",),
         )

@@ -11,7 +11,6 @@ from maglev_design.report.chapter_emulated import LOST, is_lost
 from maglev_design.report.commands import REPORT, design_command
 from maglev_design.report.content import (
     Block,
-    Chapter,
     Code,
     Figure,
     Inline,
@@ -19,6 +18,7 @@ from maglev_design.report.content import (
     Maths,
     Paragraph,
     Quantity,
+    ReportSection,
     Runs,
     Strong,
     Table,
@@ -46,7 +46,7 @@ def times_runs(factor: float | None) -> Inline:
     return "infinitely many" if factor is None else Quantity(factor, "-", 3)
 
 
-def summary_chapter(record: DesignRecord) -> Chapter:
+def summary_chapter(record: DesignRecord) -> ReportSection:
     """Return the answer in a few sentences."""
     document = record.document
     key, worst, base = document["objective"], document["worst_case"], document["baseline"]
@@ -72,7 +72,7 @@ def summary_chapter(record: DesignRecord) -> Chapter:
     status: Runs = (Strong("Status: "), document["message"])
     lost = is_lost(document["emulated"])
     warning = (Paragraph((Strong(LOST),)),) if lost else ()
-    return Chapter("The result", (*warning, Paragraph(first), Paragraph(status)))
+    return ReportSection("The result", (*warning, Paragraph(first), Paragraph(status)))
 
 
 def _rank(status: str) -> str:
@@ -111,7 +111,7 @@ def _double(document: Mapping[str, Any]) -> bool:
     return bool(first == second)
 
 
-def worst_chapter(record: DesignRecord) -> Chapter:
+def worst_chapter(record: DesignRecord) -> ReportSection:
     """Return the figures of the loop at their worst, of the yardstick, and without any error."""
     document = record.document
     base, (low, high) = document["baseline"], document["family"]["ratios"]
@@ -181,7 +181,7 @@ def worst_chapter(record: DesignRecord) -> Chapter:
                 )
             )
         )
-    return Chapter("The worst case", tuple(told))
+    return ReportSection("The worst case", tuple(told))
 
 
 def _share(split: Mapping[str, float | None]) -> tuple[str, float] | None:
@@ -194,7 +194,7 @@ def _share(split: Mapping[str, float | None]) -> tuple[str, float] | None:
     return part, known[part] / total
 
 
-def limits_chapter(record: DesignRecord) -> Chapter:
+def limits_chapter(record: DesignRecord) -> ReportSection:
     """Return the limits and the margins."""
     document = record.document
     signs = {"upper": Maths(r"\le"), "lower": Maths(r"\ge")}
@@ -249,7 +249,7 @@ def limits_chapter(record: DesignRecord) -> Chapter:
             ", of the sampled loop with its delay, over all gaps of the path.",
         )
     )
-    return Chapter("Limits and margins", (told, limits, table))
+    return ReportSection("Limits and margins", (told, limits, table))
 
 
 def _yardstick(base: Mapping[str, Any]) -> Runs:
@@ -267,7 +267,7 @@ def _yardstick(base: Mapping[str, Any]) -> Runs:
     )
 
 
-def verification_chapter(record: DesignRecord) -> Chapter:
+def verification_chapter(record: DesignRecord) -> ReportSection:
     """Return how the optimum was checked."""
     document = record.document
     key, check = document["objective"], document["verification"]
@@ -307,10 +307,10 @@ def verification_chapter(record: DesignRecord) -> Chapter:
             ".",
         )
     )
-    return Chapter("Verification", (told, table))
+    return ReportSection("Verification", (told, table))
 
 
-def alternatives_chapter(record: DesignRecord) -> Chapter | None:
+def alternatives_chapter(record: DesignRecord) -> ReportSection | None:
     """Return what another choice would give; None where none was tried."""
     document = record.document
     key = document["objective"]
@@ -366,16 +366,18 @@ def alternatives_chapter(record: DesignRecord) -> Chapter | None:
                 )
             )
         )
-    return Chapter("What another choice would give", tuple(blocks))
+    return ReportSection("What another choice would give", tuple(blocks))
 
 
-def certificate_chapter(record: DesignRecord) -> Chapter | None:
+def certificate_chapter(record: DesignRecord) -> ReportSection | None:
     """Return what is proved of the sampled loop; None where the record says nothing of it."""
     found = record.document.get("certificate")
     if not found:
         return None
     if not found["certified"]:
-        return Chapter("Certificate", (Paragraph((f"The sampled loop is {found['status']}.",)),))
+        return ReportSection(
+            "Certificate", (Paragraph((f"The sampled loop is {found['status']}.",)),)
+        )
     (near, far), (low, high) = found["gaps"], found["ratios"]
     told = Paragraph(
         (
@@ -407,7 +409,7 @@ def certificate_chapter(record: DesignRecord) -> Chapter | None:
         "maglev-design certify design/design.json",
         "lr",
     )
-    return Chapter("Certificate", (told, table))
+    return ReportSection("Certificate", (told, table))
 
 
 CAPTIONS: Mapping[str, Runs] = {
@@ -429,11 +431,11 @@ CAPTIONS: Mapping[str, Runs] = {
 """The figures of a design by their names in :mod:`maglev_design.report.plots.design`."""
 
 
-def figures_chapter(record: DesignRecord) -> Chapter:
+def figures_chapter(record: DesignRecord) -> ReportSection:
     """Return the figures; a sentence where the record came without its curves."""
     names = drawable(record.curves)
     if not names:
         missing = ("The record came without ", Code("design.npz"), ", which holds the curves.")
-        return Chapter("Figures", (Paragraph(missing),))
+        return ReportSection("Figures", (Paragraph(missing),))
     figures = tuple(Figure(name, CAPTIONS[name], REPORT) for name in names)
-    return Chapter("Figures", figures)
+    return ReportSection("Figures", figures)

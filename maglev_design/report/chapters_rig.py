@@ -18,7 +18,6 @@ from maglev_design.report.commands import (
 )
 from maglev_design.report.content import (
     Bullets,
-    Chapter,
     Code,
     Figure,
     Link,
@@ -26,6 +25,7 @@ from maglev_design.report.content import (
     Maths,
     Paragraph,
     Quantity,
+    ReportSection,
     Runs,
     Table,
 )
@@ -46,7 +46,7 @@ EQUATION_UNITS |= {"f_y": "V/m", "f_a": "V s^2/m", "x1_max": "m s"}
 """Of the numbers of the difference equation of the law (20)."""
 
 
-def rig_chapter(record: DesignRecord) -> Chapter:
+def rig_chapter(record: DesignRecord) -> ReportSection:
     """Return the rig's numbers with units, and where they are from."""
     rig = record.document["rig"]
     rows = tuple((c, prose.runs(meaning), value) for c, meaning, value in _rig_rows(rig))
@@ -62,7 +62,7 @@ def rig_chapter(record: DesignRecord) -> Chapter:
         design_command(record),
         "lpr",
     )
-    return Chapter("The rig", (*says, table))
+    return ReportSection("The rig", (*says, table))
 
 
 def _rig_rows(rig: dict[str, Any]) -> Iterator[tuple[Runs, str, Runs]]:
@@ -90,7 +90,7 @@ def _cell(value: float | str, unit: str) -> str | Quantity:
     return value if isinstance(value, str) else Quantity(value, unit, 9)
 
 
-def scheme_chapter(record: DesignRecord) -> Chapter:
+def scheme_chapter(record: DesignRecord) -> ReportSection:
     """Return the block diagram and the law with its numbers."""
     design, document = record.design, record.document
     believed = design.believed
@@ -164,14 +164,14 @@ def scheme_chapter(record: DesignRecord) -> Chapter:
         design_command(record),
         "lr",
     )
-    return Chapter("The control scheme", (told, figure, controller, difference))
+    return ReportSection("The control scheme", (told, figure, controller, difference))
 
 
 def _double(record: DesignRecord) -> bool:
     return record.design.poles.first == record.design.poles.second
 
 
-def commands_chapter(record: DesignRecord) -> Chapter:
+def commands_chapter(record: DesignRecord) -> ReportSection:
     """Return what makes all of this again."""
     versions = record.document["versions"]
     blocks: list[Any] = [
@@ -200,4 +200,4 @@ def commands_chapter(record: DesignRecord) -> Chapter:
         ]
     else:
         blocks.append(Bullets((("The rig is the preset ", Code(preset_of(record) or ""), "."),)))
-    return Chapter("The commands", tuple(blocks))
+    return ReportSection("The commands", tuple(blocks))

@@ -12,13 +12,13 @@ from maglev_design.report.commands import DERIVE, REPORT
 from maglev_design.report.content import (
     Block,
     Bullets,
-    Chapter,
     Code,
     Formula,
     Link,
     Maths,
     Paragraph,
     Quantity,
+    ReportSection,
     Runs,
     Strong,
     Table,
@@ -29,7 +29,7 @@ from maglev_design.report.words import unit_latex
 RATIO = Maths(r"\beta_c/\beta")
 
 
-def reading_chapter(record: DesignRecord) -> Chapter:
+def reading_chapter(record: DesignRecord) -> ReportSection:
     """Return what a reader could otherwise take wrongly."""
     document = record.document
     worst, other = document["worst_case"], document["other_sign"]
@@ -79,10 +79,10 @@ def reading_chapter(record: DesignRecord) -> Chapter:
                 ", which is clamped on the way." if outside else ".",
             )
         )
-    return Chapter("How to read it", (Bullets(tuple(items)),))
+    return ReportSection("How to read it", (Bullets(tuple(items)),))
 
 
-def routh_chapter(record: DesignRecord, derivation: Derivation) -> Chapter:
+def routh_chapter(record: DesignRecord, derivation: Derivation) -> ReportSection:
     """Return the Routh array in letters, and its first column in numbers."""
     columns = max(len(entries) for _, entries in derivation.routh)
     letters = Table(
@@ -111,7 +111,7 @@ def routh_chapter(record: DesignRecord, derivation: Derivation) -> Chapter:
         Link("routh"),
         " has the numbers.",
     )
-    return Chapter("Routh array", (Paragraph(told), letters, _routh_table(record)), 2)
+    return ReportSection("Routh array", (Paragraph(told), letters, _routh_table(record)), 2)
 
 
 def _routh_table(record: DesignRecord) -> Table:
@@ -168,7 +168,7 @@ def _first_column(record: DesignRecord, gap: float, ratio: float) -> tuple[float
     return tuple(values[f"row{power}_0"] for power in range(4, -1, -1))
 
 
-def derivation_chapters(record: DesignRecord, derivation: Derivation) -> tuple[Chapter, ...]:
+def derivation_chapters(record: DesignRecord, derivation: Derivation) -> tuple[ReportSection, ...]:
     """Return the whole derivation, the Routh array in its place, and the letters."""
     opening = Paragraph(
         (
@@ -181,7 +181,7 @@ def derivation_chapters(record: DesignRecord, derivation: Derivation) -> tuple[C
             ".",
         )
     )
-    chapters = [Chapter("The derivation", (opening,))]
+    chapters = [ReportSection("The derivation", (opening,))]
     for title, members in groupby(derivation.steps, key=lambda step: step.section):
         blocks: list[Block] = []
         for step in members:
@@ -191,7 +191,7 @@ def derivation_chapters(record: DesignRecord, derivation: Derivation) -> tuple[C
                 Formula(step.rows, step.id),
                 Paragraph((*prose.runs(step.reason), proved)),
             ]
-        chapters.append(Chapter(title, tuple(blocks), 2))
+        chapters.append(ReportSection(title, tuple(blocks), 2))
         if any(block.tag == "A7-routh" for block in blocks if isinstance(block, Formula)):
             chapters.append(routh_chapter(record, derivation))
     letters = Table(
@@ -209,4 +209,4 @@ def derivation_chapters(record: DesignRecord, derivation: Derivation) -> tuple[C
         DERIVE,
         "llp",
     )
-    return (*chapters, Chapter("Letters", (letters,), 2))
+    return (*chapters, ReportSection("Letters", (letters,), 2))

@@ -163,8 +163,8 @@ Block = Paragraph | Bullets | Formula | Table | Figure | Listing | Explorer
 
 
 @dataclass(frozen=True)
-class Chapter:
-    """A heading and what stands under it; with ``depth`` 2 a part of the chapter before."""
+class ReportSection:
+    """A heading and what stands under it; ``depth`` 1 is a chapter."""
 
     title: str
     blocks: tuple[Block, ...]
@@ -177,7 +177,7 @@ class Report:
 
     title: str
     subtitle: str
-    sections: tuple[Chapter, ...]
+    sections: tuple[ReportSection, ...]
     labels: dict[str, str] = field(init=False)
     """Id -> "Table 3", "Figure 1" or "(25)", in order of appearance."""
 

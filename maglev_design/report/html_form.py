@@ -13,7 +13,6 @@ from maglev_design.report import mathml
 from maglev_design.report.content import (
     Block,
     Bullets,
-    Chapter,
     Code,
     Explorer,
     Figure,
@@ -25,6 +24,7 @@ from maglev_design.report.content import (
     Paragraph,
     Quantity,
     Report,
+    ReportSection,
     Runs,
     Strong,
     Table,
@@ -81,7 +81,7 @@ def _script(explorer: Explorer) -> str:
     return f"const D = {data};\nconst P = {explorer.script};\n{text_of('explorer.js')}\nbegin();\n"
 
 
-def _body(report: Report, section: Chapter, pictures: Mapping[str, bytes]) -> Markup:
+def _body(report: Report, section: ReportSection, pictures: Mapping[str, bytes]) -> Markup:
     return Markup("\n").join(_block(report, block, pictures) for block in section.blocks)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from maglev_design.report.content import (
     Block,
     Bullets,
-    Chapter,
     Code,
     Explorer,
     Figure,
@@ -17,6 +16,7 @@ from maglev_design.report.content import (
     Paragraph,
     Quantity,
     Report,
+    ReportSection,
     Runs,
     Strong,
     Table,
@@ -53,7 +53,7 @@ def markdown(report: Report, figures: str, tag: str = HOST_TAG) -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _blocks(report: Report, section: Chapter, figures: str, tag: str) -> list[str]:
+def _blocks(report: Report, section: ReportSection, figures: str, tag: str) -> list[str]:
     return [line for block in section.blocks for line in (*_block(report, block, figures, tag), "")]
 
 

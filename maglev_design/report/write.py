@@ -13,7 +13,7 @@ from maglev_design.report import chapters_rig as givens
 from maglev_design.report import chapters_theory as theory
 from maglev_design.report import pdf_form
 from maglev_design.report.chapter_emulated import emulated_chapter
-from maglev_design.report.content import Chapter, Explorer, Paragraph, Report
+from maglev_design.report.content import Explorer, Paragraph, Report, ReportSection
 from maglev_design.report.derivation_steps import derivation_steps
 from maglev_design.report.escape import one_line
 from maglev_design.report.explorer import explorer_data, javascript, programs_of
@@ -44,7 +44,9 @@ def report_of(record: DesignRecord) -> Report:
             "controller stays while the ratio moves the plant.",
         )
     )
-    moving = Chapter("The loop, moving", (told, Explorer(data, javascript(programs_of(record)))))
+    moving = ReportSection(
+        "The loop, moving", (told, Explorer(data, javascript(programs_of(record))))
+    )
     chapters = (
         results.summary_chapter(record),
         givens.rig_chapter(record),

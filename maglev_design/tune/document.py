@@ -5,15 +5,10 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from maglev_design.design import Design
+from maglev_design.design import Design, PoleSpec
 from maglev_design.options import Scenarios
 from maglev_design.simulate.independent import INTEGRATOR
-from maglev_design.tune.figures import (
-    VERIFICATION_TOLERANCE,
-    Figures,
-    Verification,
-    times_smaller,
-)
+from maglev_design.tune.figures import VERIFICATION_TOLERANCE, Figures, Verification, times_smaller
 from maglev_design.tune.problem import TuningProblem
 from maglev_design.tune.result import TuneResult
 
@@ -40,7 +35,7 @@ def as_json(result: TuneResult) -> dict[str, Any]:
         "bounds": {"zeta": list(problem.bounds[0]), "omega_n": list(problem.bounds[1])},
         "zeta": result.poles.first[0],
         "omega_n": result.poles.first[1],
-        "poles": [list(result.poles.first), list(result.poles.second)],
+        "poles": _pairs(result.poles),
         "gains": result.design.named_gains,
         "difference_equation": difference_equation(result.design),
         "controller_sha256": result.design.sha256,
@@ -66,7 +61,7 @@ def as_json(result: TuneResult) -> dict[str, Any]:
                 else None,
                 "name": a.name,
                 "tuned": a.tuned,
-                "poles": [list(a.poles.first), list(a.poles.second)],
+                "poles": _pairs(a.poles),
                 "worst_case": _figures(problem, a.figures),
                 "feasible": a.figures.feasible,
                 "improvement": times_smaller(
@@ -111,6 +106,10 @@ def difference_equation(design: Design) -> dict[str, Any]:
     }
 
 
+def _pairs(poles: PoleSpec) -> list[list[float]]:
+    return [list(poles.first), list(poles.second)]
+
+
 def _tightest(result: TuneResult) -> dict[str, Any]:
     """Return the limit with the least slack; where it is broken, with what would help."""
     limit, found = result.figures.tightest, result.relief
@@ -119,7 +118,7 @@ def _tightest(result: TuneResult) -> dict[str, Any]:
         "unit": limit.unit,
         "limit": limit.limit,
         "value": limit.value,
-        "poles": [list(result.poles.first), list(result.poles.second)],
+        "poles": _pairs(result.poles),
         "hint": None if found is None else found.hint,
     }
 

@@ -1,11 +1,10 @@
-"""``presets`` and ``derive``."""
+"""``presets``."""
 
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
-from maglev_design.cli.output import number, print_json, say, table
+from maglev_design.cli.output import number, print_json, table
 
 
 def list_presets(*, as_json: bool) -> None:
@@ -57,22 +56,3 @@ def list_presets(*, as_json: bool) -> None:
     for name, rig, _, _ in rows:
         sys.stdout.write(f"{name}: {rig.name}\n  source: {rig.source}\n")
         sys.stdout.write(f"  notes: {' '.join(rig.notes.split())}\n")
-
-
-def print_derivation(form: str, output: Path | None, *, as_json: bool) -> None:
-    """Print or write the derivation."""
-    from maglev_design.derivation import NOTATION, derivation  # noqa: PLC0415
-    from maglev_design.files import write_bytes  # noqa: PLC0415
-    from maglev_design.report.derivation_text import Format, records, render  # noqa: PLC0415
-
-    equations = derivation()
-    if as_json:
-        print_json({"equations": records(equations, NOTATION)})
-        return
-    chosen: Format = form  # type: ignore[assignment]  # the option's choices are the formats
-    text = render(equations, NOTATION, chosen)
-    if output is None:
-        sys.stdout.write(text)
-    else:
-        write_bytes(output, text.encode())
-        say(f"written: {output}")

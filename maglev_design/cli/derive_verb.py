@@ -1,0 +1,25 @@
+"""``derive``."""
+
+from __future__ import annotations
+
+import sys
+
+from maglev_design.cli.commands.derive import DeriveOptions
+from maglev_design.cli.output import print_json, say
+from maglev_design.derivation import NOTATION, derivation
+from maglev_design.files import write_bytes
+from maglev_design.report.derivation_text import records, render
+
+
+def derive(options: DeriveOptions) -> None:
+    """Print or write the derivation."""
+    equations = derivation()
+    if options.json:
+        print_json({"equations": records(equations, NOTATION)})
+        return
+    text = render(equations, NOTATION, options.form)
+    if options.output is None:
+        sys.stdout.write(text)
+    else:
+        write_bytes(options.output, text.encode())
+        say(f"written: {options.output}")
