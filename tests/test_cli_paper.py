@@ -12,9 +12,8 @@ from test_cli import METRICS, contents, document, rig_file, run
 from typer.testing import CliRunner
 
 from maglev_design.cli import app
-from maglev_design.cli.claims_verb import chosen
 from maglev_design.errors import InputError
-from maglev_design.paper.ledger import Claim
+from maglev_design.paper.ledger import chosen, statements
 
 pytestmark = pytest.mark.xdist_group("paper on the command line")
 
@@ -235,15 +234,34 @@ def test_the_ledger_is_written_for_people(judged: tuple[Path, dict[str, Any]]) -
     assert "</script>" not in page.replace("\\</script\\>", "")
 
 
-def test_claims_are_chosen_by_the_start_of_their_id() -> None:
-    claims = [
-        Claim(identity, "sec. 1", "It is.", "verified", "", "Yes.", "maglev-design claims")
-        for identity in ("eq-A7", "4.1-best", "4.1-overshoot")
-    ]
-    assert [c.id for c in chosen(claims, "4.1")] == ["4.1-best", "4.1-overshoot"]
-    assert chosen(claims, None) == claims
-    with pytest.raises(InputError, match=r"no claim starts with it.*eq-A7"):
-        chosen(claims, "eq-A77")
+def test_a_claim_is_chosen_by_its_id_or_by_the_start_of_it() -> None:
+    assert [said.id for said in chosen("eq-2")] == ["eq-2"]
+    assert [said.id for said in chosen("4.3")] == [
+        "4.3-pid", "4.3-fee", "4.3-fee-start", "4.3-pid-tracks",
+    ]  # fmt: skip
+    assert chosen(None) == tuple(statements().values())
+
+
+@pytest.mark.parametrize(
+    ("only", "near"), [("20", "'eq-20'"), ("eq-A77", "'eq-A7'"), ("4.2-bset", "'4.1-best'")]
+)
+def test_an_unknown_id_is_refused_before_anything_is_computed(
+    only: str, near: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("maglev_design.cli.claims_verb.load_rig", lambda _: pytest.fail("computed"))
+    message = refused("claims", "--only", only)
+    assert f"only = {only!r}" in message
+    assert near in message
+
+
+def test_the_claims_are_listed_at_once() -> None:
+    done = run("claims", "--list")
+    lines = done.stdout.splitlines()
+    assert lines[::2] == list(statements())
+    assert lines[1::2] == [f"  {said.statement}" for said in statements().values()]
+    listed = here("claims", "--list", "--only", "eq-A")["claims"]
+    assert [said["id"] for said in listed] == [f"eq-A{n}" for n in range(1, 8)]
+    assert "--list judges nothing" in refused("claims", "--list", "-o", "folder")
 
 
 def test_an_equation_is_shown_without_waiting_for_the_simulations(tmp_path: Path) -> None:

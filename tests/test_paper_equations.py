@@ -11,20 +11,22 @@ import pytest
 import sympy as sp
 
 from maglev_design.derivation import terms as d
-from maglev_design.paper import equations
-from maglev_design.paper.equations import (
+from maglev_design.paper import equations, printed
+from maglev_design.paper.equations import judge_beta, judge_form, left_over
+from maglev_design.paper.ledger import JUDGES, Claim, statements
+from maglev_design.paper.printed import (
+    BOUND_TEXT,
     GAMMA,
     GAMMAS,
+    INSIDE,
+    OF_THE_TEXT,
     PLAIN,
+    PRINTED_BOUND,
     Printed,
-    claim_of,
-    equation_claims,
-    left_over,
-    number_claim,
+    Row,
     printed_forms,
     proved,
 )
-from maglev_design.paper.ledger import Claim
 from maglev_design.symbolic import plant as p
 
 IDS = [*(f"eq-{n}" for n in range(1, 30)), *(f"eq-A{n}" for n in range(1, 8))]
@@ -44,11 +46,27 @@ SCAN_ONLY = {"10", "18", "20"}
 
 @pytest.fixture(scope="module")
 def claims() -> dict[str, Claim]:
-    return {claim.id: claim for claim in equation_claims()}
+    return {name: JUDGES[name]() for name in IDS}
 
 
 def test_every_equation_has_one_claim_in_order() -> None:
-    assert [claim.id for claim in equation_claims()] == IDS
+    assert [f"eq-{number}" for number in printed_forms()] == IDS
+    assert list(statements())[: len(IDS)] == IDS
+
+
+@pytest.mark.parametrize("number", [n for n in printed_forms() if n != "26"])
+def test_what_is_stated_is_the_printed_form_under_its_name(number: str) -> None:
+    equation, own = proved()[number], printed_forms()[number]
+    sign = {"9": "~", "A7": ">"}.get(number, "=")
+    rows = "; ".join(f"{row[0]} {sign} {row[1]}" for row in own.rows)
+    expected = f"{equation.title}: {rows}.".replace(str(PRINTED_BOUND), BOUND_TEXT)
+    assert statements()[f"eq-{number}"].statement == expected
+
+
+def test_the_printed_numbers_stand_in_the_statements() -> None:
+    said = {name: own.statement for name, own in statements().items()}
+    assert f"= {printed.PRINTED_BETA} N m^2/(kg V^2)" in said["eq-26"]
+    assert f"beta/beta_c > {BOUND_TEXT}." in said["A-bound"]
 
 
 def test_only_the_postulates_cannot_be_checked(claims: dict[str, Claim]) -> None:
@@ -86,18 +104,18 @@ def test_a_correction_is_there_exactly_where_one_is_needed(claims: dict[str, Cla
         assert "y0" not in claim.statement + claim.correction  # the paper has no offset
 
 
-@pytest.mark.parametrize("number", [n for n in equations.NUMBERED if n not in {"1", "2", "26"}])
+@pytest.mark.parametrize("number", [n for n in printed_forms() if n not in {"1", "2", "26"}])
 def test_a_changed_print_changes_the_verdict(number: str) -> None:
     """Twice the right side of the last line that has one: no printed form stays right."""
-    printed = printed_forms()[number]
+    own = printed_forms()[number]
     if number in SAID_IN_THE_DERIVATION or number in BY_THEIR_GAMMAS:
-        printed = _as_corrected(number, printed)
-    assert claim_of(proved()[number], printed).verdict == "verified"
-    rows = list(printed.rows)
+        own = _as_corrected(number, own)
+    assert judge_form(proved()[number], own).verdict == "verified"
+    rows = list(own.rows)
     place = max(n for n, row in enumerate(rows) if row[1] != 0 or row[0] != row[1])
     lhs, rhs, *rest = rows[place]
     rows[place] = (lhs, 2 * rhs + p.g, *rest)
-    spoilt = claim_of(proved()[number], replace(printed, rows=tuple(rows)))
+    spoilt = judge_form(proved()[number], replace(own, rows=tuple(rows)))
     assert spoilt.verdict == "corrected"
     assert spoilt.correction
     assert spoilt.values["printed_residual"] != "0"
@@ -109,7 +127,7 @@ def _as_corrected(number: str, printed: Printed) -> Printed:
     return replace(printed, rows=tuple((line.lhs, line.rhs, n) for line, n in rows), scanned=())
 
 
-def _place(row: equations.Row, own: int) -> int:
+def _place(row: Row, own: int) -> int:
     return own if len(row) == 2 else row[2]
 
 
@@ -117,7 +135,7 @@ def test_a_missing_s_is_what_is_wrong_with_24(claims: dict[str, Claim]) -> None:
     equation, printed = proved()["24"], printed_forms()["24"]
     lhs, rhs, *_ = printed.rows[0]
     restored = rhs.subs(2 * p.zeta * p.omega_n, 2 * p.zeta * p.omega_n * p.s)
-    assert claim_of(equation, replace(printed, rows=((lhs, restored),))).verdict == "verified"
+    assert judge_form(equation, replace(printed, rows=((lhs, restored),))).verdict == "verified"
     rest = sp.sympify(
         str(claims["eq-24"].values["printed_residual"]),
         locals={"s": p.s, "zeta": p.zeta, "omega_n": p.omega_n},
@@ -134,9 +152,9 @@ def test_the_gammas_that_make_the_appendix_right() -> None:
     forms = printed_forms()
     for number in sorted(BY_THEIR_GAMMAS):
         assert left_over(proved()[number], forms[number], PLAIN) == 0
-        for reading in equations.OF_THE_TEXT:
+        for reading in OF_THE_TEXT:
             assert left_over(proved()[number], forms[number], reading) != 0
-    assert left_over(proved()["A1"], forms["A1"], equations.INSIDE) == 0
+    assert left_over(proved()["A1"], forms["A1"], INSIDE) == 0
     assert left_over(proved()["A1"], forms["A1"], PLAIN) != 0
     assert all(left_over(proved()["A2"], forms["A2"], reading) != 0 for reading in GAMMAS)
 
@@ -144,14 +162,14 @@ def test_the_gammas_that_make_the_appendix_right() -> None:
 def test_right_gammas_in_the_text_would_verify_the_appendix(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    repaired = dict(GAMMAS) | {equations.BELOW_A6: GAMMAS[PLAIN]}
+    repaired = dict(GAMMAS) | {printed.BELOW_A6: GAMMAS[PLAIN]}
     monkeypatch.setattr(equations, "GAMMAS", repaired)
     for number in sorted(BY_THEIR_GAMMAS):
-        assert claim_of(proved()[number], printed_forms()[number]).verdict == "verified"
+        assert judge_form(proved()[number], printed_forms()[number]).verdict == "verified"
 
 
 def test_the_text_defines_gamma_1_twice_and_differently() -> None:
-    first, second = (GAMMAS[reading] for reading in equations.OF_THE_TEXT)
+    first, second = (GAMMAS[reading] for reading in OF_THE_TEXT)
     assert [x == y for x, y in zip(first, second, strict=True)] == [True, False, True, True]
 
 
@@ -175,12 +193,12 @@ def test_beta_is_computed_from_the_printed_parameters(
     by_hand = Fraction("2.48315625e-5") * Fraction("1.05") ** 2 / Fraction("0.02")
     assert claims["eq-26"].values["beta"] == float(by_hand)
     monkeypatch.setattr(equations, "PRINTED_BETA", "0.00136885")
-    assert number_claim(proved()["26"], printed_forms()["26"]).verdict == "corrected"
+    assert judge_beta(proved()["26"], printed_forms()["26"]).verdict == "corrected"
 
 
 def test_an_unproved_derivation_verifies_nothing() -> None:
     broken = replace(proved()["11"], checks=(p.C_U,))
-    claim = claim_of(broken, printed_forms()["11"])
+    claim = judge_form(broken, printed_forms()["11"])
     assert claim.verdict == "not-checkable"
     assert "not proved" in claim.evidence
 

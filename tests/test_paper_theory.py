@@ -6,6 +6,7 @@ import json
 import math
 import re
 from collections.abc import Iterator
+from inspect import signature
 from math import comb
 
 import numpy as np
@@ -26,23 +27,22 @@ from maglev_design.paper import (
     theory_path,
     theory_stability,
 )
-from maglev_design.paper.ledger import Claim, Verdict
+from maglev_design.paper.claims import Grounds, judged
+from maglev_design.paper.ledger import JUDGES, Claim, Verdict, statements
+from maglev_design.paper.printed import residual_is_zero
 from maglev_design.paper.rigs import random_rigs
-from maglev_design.paper.theory import theory_claims
 from maglev_design.paper.theory_linear import (
-    Case,
     LinearLoop,
-    bounded_matrix,
-    cases,
+    TriedRig,
     is_stable,
     linear_loop,
-    printed_matrix,
+    tried_rigs,
 )
-from maglev_design.paper.theory_plant import residual_is_zero
-from maglev_design.paper.theory_sampled import boundary, largest_period, ratio_interval
+from maglev_design.paper.theory_path import largest_periods
+from maglev_design.paper.theory_stability import boundary, ratio_interval
 from maglev_design.rig import Rig, make_rig
 from maglev_design.symbolic import plant as p
-from maglev_design.symbolic.stability import stability_condition
+from maglev_design.symbolic import stability
 
 Array = NDArray[np.float64]
 
@@ -92,23 +92,25 @@ VERDICTS: dict[str, Verdict] = {
 }
 SAMPLED_EDGE = 2e-3
 """Relative distance from a boundary found by bisection to 1e-5 at which stability is asked."""
+REJECTED = ("3.2-reconstruction", "3.2-constant", "3.2-ramp", "3-classical-disturbances")
+"""Claims on what is rejected."""
 CACHED = (
     theory_law.pid_of_gpi,
     theory_disturbances.error_of_disturbance,
-    theory_disturbances.error_of_speed,
-    theory_stability.edge,
+    theory_stability.error_of_speed,
+    theory_stability.exact_beta_margin,
+    theory_stability.largest_ratio,
 )
 
 
 @pytest.fixture(scope="module")
-def tried(paper_rig: Rig) -> tuple[Case, ...]:
-    return cases(paper_rig, random_rigs(6, 17))
+def tried(paper_rig: Rig) -> tuple[TriedRig, ...]:
+    return tried_rigs(paper_rig, random_rigs(6, 17))
 
 
 @pytest.fixture(scope="module")
 def claims(paper_rig: Rig) -> dict[str, Claim]:
-    found = theory_claims(paper_rig, random_rigs(6, 17))
-    assert len({claim.id for claim in found}) == len(found)
+    found = judged([statements()[name] for name in VERDICTS], Grounds(paper_rig, 6, 17))
     return {claim.id: claim for claim in found}
 
 
@@ -126,6 +128,13 @@ def number(claim: Claim, name: str) -> float:
     value = claim.values[name]
     assert isinstance(value, int | float)
     return float(value)
+
+
+def test_every_statement_has_one_judge_who_asks_for_known_grounds() -> None:
+    assert set(JUDGES) == set(statements())
+    for judge in JUDGES.values():
+        needs = set(signature(judge.gather).parameters)
+        assert needs <= {"tried", "case", "rows", "rig", "seed"}
 
 
 def test_every_claim_has_the_verdict_found_by_hand(claims: dict[str, Claim]) -> None:
@@ -154,16 +163,16 @@ def test_every_rig_agrees_where_rigs_were_tried(claims: dict[str, Claim]) -> Non
 
 
 def test_it_does_not_need_other_rigs(paper_rig: Rig) -> None:
-    (alone,) = cases(paper_rig, ())
+    (alone,) = tried_rigs(paper_rig, ())
     assert alone.poles == design.PoleSpec.double(1, 70)
-    found = theory_disturbances.disturbance_claims((alone,))
-    assert [claim.verdict for claim in found] == [VERDICTS[claim.id] for claim in found]
+    for name in REJECTED:
+        assert JUDGES[name]((alone,)).verdict == VERDICTS[name]
 
 
 def test_a_measured_voltage_is_left_aside(paper_rig: Rig) -> None:
     data = paper_rig.model_dump(exclude_none=True)
     data["operating_point"]["voltage"] = 2.2
-    (case,) = cases(make_rig(data), ())
+    (case,) = tried_rigs(make_rig(data), ())
     assert case.rig == paper_rig
     assert theory_appendix._ratios([case]).values["agreed"] == 1
 
@@ -187,7 +196,7 @@ def test_the_pid_of_the_law_by_partial_fractions(claims: dict[str, Claim]) -> No
 
 @pytest.mark.usefixtures("fresh")
 def test_a_law_that_is_no_pid_would_keep_its_claim(
-    tried: tuple[Case, ...], monkeypatch: pytest.MonkeyPatch
+    tried: tuple[TriedRig, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A remainder alone or numbers alone decide nothing; both together do."""
     right = theory_law.pid_numbers
@@ -197,7 +206,7 @@ def test_a_law_that_is_no_pid_would_keep_its_claim(
         return kp, ki, kd * 1.001, pole
 
     def verdict() -> Claim:
-        return {c.id: c for c in theory_law.law_claims(tried[:2])}["3.1-filter"]
+        return JUDGES["3.1-filter"](tried[:2])
 
     monkeypatch.setattr(theory_law, "pid_numbers", wrong)
     assert verdict().values["agreed"] == 0
@@ -210,7 +219,7 @@ def test_the_integrals_of_the_printed_law_run_away(
     claims: dict[str, Claim], paper_rig: Rig
 ) -> None:
     """The law (20) line by line in the time domain, on the linear plant, held at 12 mm."""
-    loop = linear_loop(cases(paper_rig, ())[0])
+    loop = linear_loop(tried_rigs(paper_rig, ())[0])
     k0, k1, k2, k3 = loop.gains
     step = 0.0120 - 0.0246
 
@@ -233,7 +242,7 @@ def test_the_integrals_of_the_printed_law_run_away(
 
 
 def test_a_printed_law_without_hidden_integrators_would_be_verified(
-    tried: tuple[Case, ...], monkeypatch: pytest.MonkeyPatch
+    tried: tuple[TriedRig, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(theory_law, "hold_drift", lambda *_: (0.0, 0.0, 0.0))
     assert theory_law._origin(tried[:1]).verdict == "not-checkable"
@@ -280,35 +289,34 @@ def test_only_a_measured_ramp_is_rejected() -> None:
 
 
 def test_a_simulation_that_disagrees_changes_the_verdict(
-    tried: tuple[Case, ...], monkeypatch: pytest.MonkeyPatch
+    tried: tuple[TriedRig, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     right = theory_disturbances.simulated
 
-    def off(case: Case, degree: int) -> tuple[float, float]:
+    def off(case: TriedRig, degree: int) -> tuple[float, float]:
         error, rate = right(case, degree)
         return 1.01 * error + 1e-6, 1.01 * rate
 
     monkeypatch.setattr(theory_disturbances, "simulated", off)
-    found = {c.id: c for c in theory_disturbances.disturbance_claims(tried[:2])}
-    for name in ("3.2-constant", "3.2-ramp", "3-classical-disturbances"):
-        assert found[name].verdict == "contradicted", name
-        assert found[name].values["agreed"] == 0
+    for name in REJECTED[1:]:
+        found = JUDGES[name](tried[:2])
+        assert found.verdict == "contradicted", name
+        assert found.values["agreed"] == 0
 
 
 @pytest.mark.usefixtures("fresh")
 def test_a_law_with_a_third_integral_would_reject_the_ramp(
-    monkeypatch: pytest.MonkeyPatch, tried: tuple[Case, ...]
+    monkeypatch: pytest.MonkeyPatch, tried: tuple[TriedRig, ...]
 ) -> None:
     fifth = theory_disturbances.error_of_disturbance(5)
     monkeypatch.setattr(theory_disturbances, "error_of_disturbance", lambda *_: fifth)
     monkeypatch.setattr(theory_disturbances, "simulated", lambda *_: (0.0, 0.0))
-    found = {c.id: c for c in theory_disturbances.disturbance_claims(tried[:1])}
-    assert found["3.2-ramp"].verdict == "verified"
+    assert JUDGES["3.2-ramp"](tried[:1]).verdict == "verified"
 
 
 def test_reconstruction_by_integration_in_time(claims: dict[str, Claim], paper_rig: Rig) -> None:
     """The error of (18) along any voltage, the plant pushed by 1 % of g and its beta wrong."""
-    case = cases(paper_rig, ())[0]
+    case = tried_rigs(paper_rig, ())[0]
     loop = linear_loop(case, ratio=theory_disturbances.WRONG)
     push, v_0 = 0.01 * 9.81, 0.03
 
@@ -339,9 +347,9 @@ def test_reconstruction_by_integration_in_time(claims: dict[str, Claim], paper_r
 
 def test_the_bound_on_the_error_holds_in_time(claims: dict[str, Claim], paper_rig: Rig) -> None:
     claim = claims["A-bounded"]
-    case = cases(paper_rig, ())[0]
+    case = tried_rigs(paper_rig, ())[0]
     loop = linear_loop(case, ratio=theory_disturbances.WRONG, reading="appendix-a")
-    matrix = bounded_matrix(loop)
+    matrix = loop.bounded
     times = np.linspace(1.0, 6.0, 2001)
     _, _, acceleration = design.reference_path(paper_rig, times)
     push = (1 / theory_disturbances.WRONG - 1) * acceleration
@@ -370,13 +378,23 @@ def test_another_printed_number_has_another_verdict(
     value: object,
     claim: str,
     verdict: str,
-    tried: tuple[Case, ...],
+    tried: tuple[TriedRig, ...],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(theory_path, "_sampling_conditions", lambda *_: ())
     monkeypatch.setattr(theory_path, name, value)
-    found = {c.id: c for c in theory_path.path_claims(tried[:1])}
-    assert found[claim].verdict == verdict
+    grounds = () if claim == "4-bezier-order" else (tried[0],)
+    assert JUDGES[claim](*grounds).verdict == verdict
+
+
+def test_the_printed_numbers_of_the_path_stand_in_its_statements() -> None:
+    said = {name: own.statement for name, own in statements().items()}
+    assert f"U = {theory_path.PRINTED_VOLTAGE} V." in said["4-voltage"]
+    assert f"at {theory_path.PRINTED_POLE} 1/s." in said["4-gains"]
+    assert "zeta_d = {:g} and omega_nd = {:g} rad/s".format(*design.PAPER_POLES) in said["4-gains"]
+    assert f"of order {theory_path.PRINTED_ORDER}." in said["4-bezier-order"]
+    for section, period in theory_path.PRINTED_PERIODS.items():
+        assert f"period of {1e3 * period:g} ms" in said[f"{section}-haykin"]
+    assert f"<= {theory_appendix.PRINTED_RANGE[1]:g} beta" in said["A-range"]
 
 
 def test_the_fastest_and_the_hardest_moment(claims: dict[str, Claim]) -> None:
@@ -426,7 +444,7 @@ def sampled_radius(loop: LinearLoop, period: float, method: Method) -> float:
 
 @pytest.mark.parametrize("method", ["tustin", "euler", "zoh"])
 def test_the_largest_period_by_another_discretisation(
-    claims: dict[str, Claim], tried: tuple[Case, ...], method: Method
+    claims: dict[str, Claim], tried: tuple[TriedRig, ...], method: Method
 ) -> None:
     case = tried[0]
     limit = number(claims["4-haykin"], f"largest_period_{method}")
@@ -439,13 +457,13 @@ def test_the_largest_period_by_another_discretisation(
     assert claims["5.2-haykin"].values["period"] == 0.002
 
 
-def test_forward_euler_ends_where_the_filter_does(tried: tuple[Case, ...]) -> None:
-    assert largest_period(tried[0], "euler") == pytest.approx(2 / 280, rel=1e-4)
+def test_forward_euler_ends_where_the_filter_does(tried: tuple[TriedRig, ...]) -> None:
+    assert largest_periods(tried[0])["euler"] == pytest.approx(2 / 280, rel=1e-5)
 
 
 @pytest.mark.parametrize("reading", ["model", "appendix-a"])
 def test_the_sampled_interval_by_another_discretisation(
-    claims: dict[str, Claim], tried: tuple[Case, ...], reading: Equilibrium
+    claims: dict[str, Claim], tried: tuple[TriedRig, ...], reading: Equilibrium
 ) -> None:
     case = tried[0]
     for end, outwards in (("lower", -1), ("upper", 1)):
@@ -461,11 +479,13 @@ def test_the_sampled_interval_by_another_discretisation(
         assert radii[0] < 1 < radii[1]
 
 
-def test_a_faster_sampled_loop_comes_close_to_the_continuous_one(tried: tuple[Case, ...]) -> None:
+def test_a_faster_sampled_loop_comes_close_to_the_continuous_one(
+    tried: tuple[TriedRig, ...],
+) -> None:
     rig = tried[0].rig
     data = rig.model_dump(exclude_none=True)
     data["sampling"]["period"] = 2e-5
-    quick = Case(rig.model_validate(data), tried[0].poles)
+    quick = TriedRig(rig.model_validate(data), tried[0].poles)
     gap = rig.operating_point.gap
     low, high = ratio_interval(quick, "appendix-a", (gap, gap))
     slow, _ = ratio_interval(tried[0], "appendix-a", (gap, gap))
@@ -509,7 +529,7 @@ def hand_made_loop(
 
 @pytest.mark.parametrize("reading", EQUILIBRIA)
 def test_the_upper_ends_by_hand_made_polynomials(
-    tried: tuple[Case, ...], reading: Equilibrium
+    tried: tuple[TriedRig, ...], reading: Equilibrium
 ) -> None:
     for case in tried:
         for gap in case.gaps:
@@ -535,10 +555,10 @@ def test_the_upper_ends_on_the_papers_rig(claims: dict[str, Claim]) -> None:
 
 @pytest.mark.usefixtures("fresh")
 def test_another_condition_would_not_agree_with_the_eigenvalues(
-    tried: tuple[Case, ...], monkeypatch: pytest.MonkeyPatch
+    tried: tuple[TriedRig, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    wrong = stability_condition() - p.omega_n**2 / 20
-    monkeypatch.setattr(theory_stability, "stability_condition", lambda: wrong)
+    wrong = stability.stability_condition() - p.omega_n**2 / 20
+    monkeypatch.setattr(stability, "stability_condition", lambda: wrong)
     claim = theory_stability._intervals(tried[:3])  # the rest takes longer
     assert claim.verdict == "contradicted"
     assert claim.values["agreed"] == 0
@@ -566,17 +586,16 @@ def test_no_reading_of_the_gammas_gives_the_printed_bound(claims: dict[str, Clai
 
 
 def test_the_corrected_bound_and_range_would_be_verified(
-    tried: tuple[Case, ...], monkeypatch: pytest.MonkeyPatch
+    tried: tuple[TriedRig, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(theory_appendix, "PRINTED_BOUND", sp.Rational(1, 5))
     monkeypatch.setattr(theory_appendix, "PRINTED_RANGE", (-0.5, 4.0))
-    found = {c.id: c for c in theory_appendix.appendix_claims(tried[:2])}
-    assert found["A-bound"].verdict == "verified"
-    assert found["A-range"].verdict == "verified"
+    for name in ("A-bound", "A-range"):
+        assert JUDGES[name](tried[:2]).verdict == "verified"
 
 
 def test_the_right_upper_end_alone_is_not_enough(
-    tried: tuple[Case, ...], monkeypatch: pytest.MonkeyPatch
+    tried: tuple[TriedRig, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(theory_appendix, "PRINTED_RANGE", (-1.0, 4.0))
     claim = theory_appendix._range(tried[:1])
@@ -597,7 +616,7 @@ def test_ratios_of_the_readings() -> None:
     assert all(sp.simplify(x - plain**2) == 0 for x in theory_appendix.ratios_of("appendix-a"))
 
 
-def test_the_error_of_a_moving_ball(tried: tuple[Case, ...]) -> None:
+def test_the_error_of_a_moving_ball(tried: tuple[TriedRig, ...]) -> None:
     """Against the printed law with its reference on a ramp, velocity feedforward and all."""
     case = tried[0]
     loop = linear_loop(case, ratio=theory_disturbances.WRONG)
@@ -615,7 +634,7 @@ def test_the_error_of_a_moving_ball(tried: tuple[Case, ...]) -> None:
 
     run = solve_ivp(rates, (0, 1.2), [0.0] * 6, method="LSODA", rtol=1e-9, atol=1e-13)
     numbers = {p.rho: loop.rho, p.C_Y: loop.c_y, p.k0: k0, p.k3: k3}
-    expected = speed * float(theory_disturbances.error_of_speed().subs(numbers))
+    expected = speed * float(theory_stability.error_of_speed().subs(numbers))
     assert run.y[0, -1] - speed * 1.2 == pytest.approx(expected, rel=1e-4)
 
 
@@ -624,20 +643,22 @@ def test_the_error_of_a_moving_ball(tried: tuple[Case, ...]) -> None:
 
 @pytest.mark.parametrize("reading", EQUILIBRIA)
 def test_both_realisations_have_the_hand_made_poles(
-    tried: tuple[Case, ...], reading: Equilibrium
+    tried: tuple[TriedRig, ...], reading: Equilibrium
 ) -> None:
     for case in tried:
         gap = case.rig.reference.end_gap
         loop = linear_loop(case, gap=gap, ratio=1.3, reading=reading)
         expected = hand_made_loop(case.rig, case.poles, reading, gap, 1.3)
-        assert np.poly(bounded_matrix(loop)) == pytest.approx(expected, rel=1e-6)
-        printed = np.poly(printed_matrix(loop)[0])
+        assert np.poly(loop.bounded) == pytest.approx(expected, rel=1e-6)
+        printed = np.poly(loop.printed[0])
         assert printed[:5] == pytest.approx(expected, rel=1e-5)
         assert np.abs(printed[5:] / expected[-1]).max() < 1e-3  # the two poles at zero
 
 
-def test_unstable_loops_are_seen(tried: tuple[Case, ...], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(theory_stability, "is_stable", lambda *_: False)
+def test_unstable_loops_are_seen(
+    tried: tuple[TriedRig, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(LinearLoop, "stable", False)
     assert theory_stability._locally_stable(tried[:2]).verdict == "contradicted"
     assert theory_stability._any_point(tried[:2]).verdict == "contradicted"
     assert not is_stable(np.diag([-1.0, 1e-9]))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,7 @@ from maglev_design.paper.trials import (
     run_trial,
 )
 from maglev_design.rig import Rig
+from maglev_design.tune.emulated import NoiseBand
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -37,15 +38,6 @@ Progress = Callable[[str, float], None]
 SPLITS = tuple(f"{index}_{part}" for index in INDICES for part in PARTS)
 INTERVAL = (0.025, 0.975)
 """Quantiles of the 95 % interval over seeds."""
-
-
-@dataclass(frozen=True)
-class Spread:
-    """Median and 95 % interval of one figure over the seeds."""
-
-    median: float
-    low: float
-    high: float
 
 
 @dataclass(frozen=True)
@@ -61,7 +53,7 @@ class Result:
         Sampling period as run [s].
     values : dict
         :func:`maglev_design.paper.trials.figures`; medians where noise enters.
-    spread : dict of str to Spread
+    spread : dict of str to NoiseBand
         Empty without noise.
     seeds : int
         How many runs.
@@ -72,7 +64,7 @@ class Result:
     reading: Reading
     period: float
     values: dict[str, float]
-    spread: dict[str, Spread]
+    spread: dict[str, NoiseBand]
     seeds: int
 
     def as_dict(self) -> dict[str, Any]:
@@ -84,10 +76,7 @@ class Result:
         }
         return {
             "test": self.trial.name,
-            "controller": self.contender.controller.name,
-            "label": self.contender.label,
-            "variant": self.contender.variant,
-            "guess": self.contender.guess,
+            **self.contender.as_dict(),
             "poles": [list(self.contender.poles.first), list(self.contender.poles.second)],
             "equilibrium": self.reading.equilibrium,
             "method": self.reading.method,
@@ -98,9 +87,7 @@ class Result:
             **split,
             "seeds": self.seeds,
             "spread": {
-                name: {"median": s.median, "low": s.low, "high": s.high}
-                for name, s in self.spread.items()
-                if name not in SPLITS
+                name: asdict(found) for name, found in self.spread.items() if name not in SPLITS
             },
         }
 
@@ -138,10 +125,7 @@ class LoopMargins:
     def as_dict(self) -> dict[str, Any]:
         """Return the margins for JSON."""
         return {
-            "controller": self.contender.controller.name,
-            "label": self.contender.label,
-            "variant": self.contender.variant,
-            "guess": self.contender.guess,
+            **self.contender.as_dict(),
             "equilibrium": self.reading.equilibrium,
             "method": self.reading.method,
             **self.margins.as_dict(),
@@ -159,14 +143,9 @@ def loop_margins(rig: Rig, contender: Contender, reading: Reading) -> LoopMargin
     believed = believed_equilibrium(
         own, reading.equilibrium, voltage=voltage_on_plant(own, plant_beta(own))
     )
+    law = contender.controller
     now, later = (
-        build_loop(
-            own,
-            believed,
-            method=method,
-            controller=contender.controller,
-            extra_samples=extra,
-        )
+        build_loop(own, believed, method=method, controller=law, extra_samples=extra)
         for extra in (0, 1)
     )
     stable = spectral_radius(later, poles, over).value < 1
@@ -186,14 +165,6 @@ class Comparison:
     results: tuple[Result, ...]
     curves: dict[str, tuple[Curve, ...]]
     margins: tuple[LoopMargins, ...]
-
-    def of(self, trial: str, label: str, variant: str = "default") -> Result:
-        """Return the first result of a controller in a test."""
-        return next(
-            r
-            for r in self.results
-            if (r.trial.name, r.contender.label, r.contender.variant) == (trial, label, variant)
-        )
 
 
 def compare(
@@ -231,15 +202,8 @@ def compare(
             own, response = run_trial(rig, contender, trial, reading, seed=seed + k)
             runs.append(figures(own, response))
             if k == 0 and reading == readings[0] and contender.variant == "default":
-                curves[trial.name].append(
-                    Curve(
-                        contender.label,
-                        response.times,
-                        response.gap,
-                        response.reference,
-                        response.commanded,
-                    )
-                )
+                drawn = (response.times, response.gap, response.reference, response.commanded)
+                curves[trial.name].append(Curve(contender.label, *drawn))
         values, spread = summarise(runs)
         period = own.sampling.period
         results.append(Result(trial, contender, reading, period, values, spread, count))
@@ -254,7 +218,7 @@ def _possible(trial: Trial, reading: Reading) -> bool:
     return not (trial.emulate and reading.method is None)
 
 
-def summarise(runs: Sequence[dict[str, float]]) -> tuple[dict[str, float], dict[str, Spread]]:
+def summarise(runs: Sequence[dict[str, float]]) -> tuple[dict[str, float], dict[str, NoiseBand]]:
     """Return the medians of the runs and, of more than one, their 95 % intervals.
 
     A run in which something never happens (nan) counts as the worst; ``crashed`` is a share.
@@ -262,7 +226,7 @@ def summarise(runs: Sequence[dict[str, float]]) -> tuple[dict[str, float], dict[
     if len(runs) == 1:
         return dict(runs[0]), {}
     values: dict[str, float] = {}
-    spread: dict[str, Spread] = {}
+    spread: dict[str, NoiseBand] = {}
     for name in runs[0]:
         column = np.array([math.inf if math.isnan(run[name]) else run[name] for run in runs])
         if name == "crashed":
@@ -270,6 +234,6 @@ def summarise(runs: Sequence[dict[str, float]]) -> tuple[dict[str, float], dict[
             continue
         # order statistics: between a number and infinity nothing can be interpolated
         low, high = (float(np.quantile(column, q, method="nearest")) for q in INTERVAL)
-        spread[name] = Spread(float(np.median(column)), low, high)
+        spread[name] = NoiseBand(float(np.median(column)), low, high)
         values[name] = spread[name].median if math.isfinite(spread[name].median) else math.nan
     return values, spread

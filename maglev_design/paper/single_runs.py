@@ -10,12 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 from maglev_design.design import make_design, plant_beta
-from maglev_design.paper.comparative import (
-    EVERYONE,
-    OPPONENTS,
-)
-from maglev_design.paper.ledger import Claim
+from maglev_design.paper.ledger import Finding, claim, finding
 from maglev_design.paper.survey import NAMES, Row, ordering
+from maglev_design.paper.surveyed import EVERYONE, OPPONENTS
 from maglev_design.paper.trials import (
     EMULATION,
     INDICES,
@@ -32,7 +29,8 @@ from maglev_design.rig import Emulator, Rig
 from maglev_design.simulate import Scenario, build, simulate
 
 
-def noise_role(rig: Rig, _rows: Sequence[Row], seed: int) -> Claim:
+@claim("4.2-measurement-noise")
+def noise_role(rig: Rig, seed: int) -> Finding:
     """Judge what the measurement noise of test 2 does."""
     tan = contenders()[0]
     base = default_reading(rig)
@@ -49,21 +47,15 @@ def noise_role(rig: Rig, _rows: Sequence[Row], seed: int) -> Claim:
         for name, (r, t, reading) in cases.items()
     }
     share = abs(itae["measurement"] - itae["none"]) / abs(itae["both"] - itae["none"])
-    matters = share > 0.05
-    return Claim(
-        id="4.2-measurement-noise",
-        place="sec. 4.2",
-        statement="Test 2 shows the robustness against measurement noise.",
-        verdict="verified" if matters else "corrected",
-        correction="" if matters else "Test 2 shows the robustness against noise at the input.",
-        evidence=(
-            f"ITAE of TAN-GPI: {itae['none']:.4g} m s² without noise, {itae['measurement']:.4g} "
-            f"with the measurement noise of {rig.noise.position:g} m alone, {itae['input']:.4g} "
-            f"with the input noise of {rig.noise.input:g} V alone, {itae['both']:.4g} with both: "
-            f"the measurement noise makes {100 * share:.2g} % of the change."
-        ),
-        command="maglev-design simulate --test noise --json",
-        values={f"itae_{name}": value for name, value in itae.items()} | {"share": share},
+    return finding(
+        share > 0.05,
+        f"ITAE of TAN-GPI: {itae['none']:.4g} m s² without noise, {itae['measurement']:.4g} "
+        f"with the measurement noise of {rig.noise.position:g} m alone, {itae['input']:.4g} "
+        f"with the input noise of {rig.noise.input:g} V alone, {itae['both']:.4g} with both: "
+        f"the measurement noise makes {100 * share:.2g} % of the change.",
+        "Test 2 shows the robustness against noise at the input.",
+        **{f"itae_{name}": value for name, value in itae.items()},
+        share=share,
     )
 
 
@@ -71,7 +63,8 @@ def _without(rig: Rig, **noise: float) -> Rig:
     return rig.model_copy(update={"noise": rig.noise.model_copy(update=noise)})
 
 
-def sign_of_the_error(rig: Rig, rows: Sequence[Row], _seed: int) -> Claim:
+@claim("4.1-one-sign")
+def sign_of_the_error(rig: Rig, rows: Sequence[Row]) -> Finding:
     """Judge whether the ranking survives the other sign of the initial error."""
     flips = []
     for opponent, index in itertools.product(OPPONENTS, INDICES):
@@ -81,23 +74,17 @@ def sign_of_the_error(rig: Rig, rows: Sequence[Row], _seed: int) -> Claim:
             told = ", ".join(f"{100 * share:.3g} % at {level}" for level, share in found.items())
             flips.append(f"{NAMES[index]} against {opponent}: better in {told}")
     error = 1e3 * (rig.initial.gap - rig.reference.start_gap)
-    return Claim(
-        id="4.1-one-sign",
-        place="sec. 4",
-        statement="The comparison, made with one initial error, ranks the controllers.",
-        verdict="contradicted" if flips else "verified",
-        correction="",
-        evidence=(
-            f"The paper starts {error:+.3g} mm from the path. From the other side: "
-            + ("; ".join(flips) if flips else "no index changes its ranking by half")
-            + "."
-        ),
-        command="maglev-design compare --opposite-error",
-        values={"flipped": len(flips)},
+    return finding(
+        not flips,
+        f"The paper starts {error:+.3g} mm from the path. From the other side: "
+        + ("; ".join(flips) if flips else "no index changes its ranking by half")
+        + ".",
+        flipped=len(flips),
     )
 
 
-def initial_error_survived(rig: Rig, _rows: Sequence[Row], _seed: int) -> Claim:
+@claim("6-large-errors")
+def initial_error_survived(rig: Rig) -> Finding:
     """Judge the robustness against large initial errors by the largest that is survived."""
     survived = {
         (c.label, sign): largest_error(rig, c, sign) for c in contenders()[:3] for sign in (1, -1)
@@ -110,36 +97,26 @@ def initial_error_survived(rig: Rig, _rows: Sequence[Row], _seed: int) -> Claim:
         f"{1e3 * survived[label, 1]:.3g} mm away from it"
         for label in EVERYONE
     )
-    return Claim(
-        id="6-large-errors",
-        place="secs. 2.4, 6",
-        statement="The controller copes with large initial errors.",
-        verdict="verified" if ours > own else "contradicted",
-        correction="",
-        evidence=(
-            f"Initial error from rest up to which the sampled, clamped loop survives: {told} "
-            f"(the allowed gaps, {1e3 * rig.limits.gap[0]:g} to {1e3 * rig.limits.gap[1]:g} mm, "
-            "end there if it survives them all). "
-            f"The paper's own is {1e3 * own:.3g} mm. Without the clamp at "
-            f"{rig.limits.voltage[0]:g} V TAN-GPI survives {1e3 * bare[-1]:.3g} mm and "
-            f"{1e3 * bare[1]:.3g} mm: the plant sees u², a negative command attracts."
+    return finding(
+        ours > own,
+        f"Initial error from rest up to which the sampled, clamped loop survives: {told} "
+        f"(the allowed gaps, {1e3 * rig.limits.gap[0]:g} to {1e3 * rig.limits.gap[1]:g} mm, "
+        "end there if it survives them all). "
+        f"The paper's own is {1e3 * own:.3g} mm. Without the clamp at "
+        f"{rig.limits.voltage[0]:g} V TAN-GPI survives {1e3 * bare[-1]:.3g} mm and "
+        f"{1e3 * bare[1]:.3g} mm: the plant sees u², a negative command attracts.",
+        **(
+            {
+                f"{label}, {'away' if sign > 0 else 'towards'}": value
+                for (label, sign), value in survived.items()
+            }
+            | {f"TAN-GPI unclamped, {w}": bare[s] for s, w in ((1, "away"), (-1, "towards"))}
         ),
-        command="maglev-design simulate --initial-error 0.01",
-        values={
-            f"{label}, {'away' if sign > 0 else 'towards'}": value
-            for (label, sign), value in survived.items()
-        }
-        | {f"TAN-GPI unclamped, {w}": bare[s] for s, w in ((1, "away"), (-1, "towards"))},
     )
 
 
 def largest_error(
-    rig: Rig,
-    contender: Contender,
-    sign: int,
-    *,
-    clamped: bool = True,
-    resolution: float = 1e-5,
+    rig: Rig, contender: Contender, sign: int, *, clamped: bool = True, resolution: float = 1e-5
 ) -> float:
     """Return up to which initial error of one sign a sampled loop survives every start [m].
 
@@ -174,9 +151,9 @@ def largest_error(
     return good
 
 
-def experiments(rig: Rig, _rows: Sequence[Row], seed: int) -> Claim:
+@claim("5-experiments")
+def experiments(rig: Rig, seed: int) -> Finding:
     """State what can be said of sec. 5: an emulation, not the experiment."""
-    text = "On the laboratory rig TAN-GPI beats PID and FEE-GPI in ISE, IAE and ITAE."
     why = "The experiments cannot be repeated here."
     values: dict[str, float] = {}
     if rig.emulator != Emulator():
@@ -198,13 +175,4 @@ def experiments(rig: Rig, _rows: Sequence[Row], seed: int) -> Claim:
             )
             + "."
         )
-    return Claim(
-        id="5-experiments",
-        place="sec. 5, abstract, sec. 6",
-        statement=text,
-        verdict="not-checkable",
-        correction="",
-        evidence=why,
-        command="maglev-design compare --no-survey",
-        values=values,
-    )
+    return finding("not-checkable", why, **values)

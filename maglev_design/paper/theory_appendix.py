@@ -11,7 +11,8 @@ from sympy import Expr
 from maglev_design.derivation import terms as d
 from maglev_design.derivation.control import FOUR
 from maglev_design.options import EQUILIBRIA, Equilibrium
-from maglev_design.paper.equations import (
+from maglev_design.paper.ledger import Finding, claim, finding
+from maglev_design.paper.printed import (
     BELOW_A1,
     BELOW_A6,
     BOUND_TEXT,
@@ -19,21 +20,19 @@ from maglev_design.paper.equations import (
     GAMMAS,
     PLAIN,
     PRINTED_BOUND,
+    designed,
     proved,
+    residual_is_zero,
 )
-from maglev_design.paper.ledger import Claim, Value, judged
 from maglev_design.paper.theory_disturbances import WRONG
 from maglev_design.paper.theory_linear import (
     AGREES,
-    Case,
     LinearLoop,
-    bounded_matrix,
-    is_stable,
+    TriedRig,
     linear_loop,
     quantity,
     tally,
 )
-from maglev_design.paper.theory_plant import DERIVE, residual_is_zero
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.laws import gpi_transfer
 from maglev_design.symbolic.linearisation import believed_coefficients, linearise
@@ -50,20 +49,6 @@ POSITIVE_NOT_HURWITZ = (1, 1, 1, 1, 1)
 DIVIDED = "gamma_1 of the text, all without the second 1/C_U_hat"
 
 
-def appendix_claims(tried: Sequence[Case]) -> tuple[Claim, ...]:
-    """Return the claims of Appendix A on the conditions of stability and their bound."""
-    return (
-        _ratios(tried),
-        _gammas(tried[0]),
-        _routh(),
-        _second_condition(tried),
-        _positive_gains(),
-        _mu_positive(),
-        _bound(tried),
-        _range(tried),
-    )
-
-
 def ratios_of(reading: Equilibrium) -> tuple[Expr, Expr]:
     """Return (C_U/C_U^, C_Y/C_Y^) at Y, in beta and beta_c, under a reading of U."""
     plant = p.magnetic_levitation()
@@ -71,12 +56,14 @@ def ratios_of(reading: Equilibrium) -> tuple[Expr, Expr]:
     at_rest = {p.U: plant.equilibrium_voltage}
     _, c_u_hat, c_y_hat = (x.subs(at_rest) for x in believed_coefficients(plant, lin, reading))
     true = lin.C_U_rest.subs(at_rest), lin.C_Y_rest
-    ratios = (sp.powdenest(sp.cancel(x / y)) for x, y in zip(true, (c_u_hat, c_y_hat), strict=True))
-    c_u, c_y = ratios
+    c_u, c_y = (
+        sp.powdenest(sp.cancel(x / y)) for x, y in zip(true, (c_u_hat, c_y_hat), strict=True)
+    )
     return c_u, c_y
 
 
-def _ratios(tried: Sequence[Case]) -> Claim:
+@claim("A-ratios")
+def _ratios(tried: Sequence[TriedRig]) -> Finding:
     ratios = {reading: ratios_of(reading) for reading in EQUILIBRIA}
     wanted = p.beta / p.beta_c
     fits = {
@@ -84,7 +71,7 @@ def _ratios(tried: Sequence[Case]) -> Claim:
         for reading, pair in ratios.items()
     }
 
-    def agrees(case: Case) -> bool:
+    def agrees(case: TriedRig) -> bool:
         numbers = {p.beta: 1.0, p.beta_c: WRONG}
         return all(
             np.isclose(true / hat, float(ratio.subs(numbers)), rtol=AGREES)
@@ -103,23 +90,15 @@ def _ratios(tried: Sequence[Case]) -> Claim:
         if not fits[reading]
     )
     holds = len(right) == len(ratios)
-    values: dict[str, Value] = {"rigs": found.tried, "agreed": found.agreed}
-    values |= {f"equal, {reading}": fit for reading, fit in fits.items()}
     decided = found.unanimous and right
-    correction = "" if holds or not decided else f"only under the reading {', '.join(right)}"
-    return Claim(
-        id="A-ratios",
-        place="app. A, before (A4)",
-        statement="Both coefficients are off by the same ratio beta/beta_c.",
-        verdict=judged(holds=holds and found.unanimous, correction=correction),
-        correction=correction,
-        evidence=(
-            "Derivation (10-readings) and (A4): true if U is the voltage measured at the "
-            f"equilibrium. Otherwise {others}. By (5) a controller that knows only its own beta_c "
-            "computes U from it, the reading model. " + found.says("Ratios in numbers")
-        ),
-        command=DERIVE,
-        values=values,
+    return finding(
+        holds and found.unanimous,
+        "Derivation (10-readings) and (A4): true if U is the voltage measured at the "
+        f"equilibrium. Otherwise {others}. By (5) a controller that knows only its own beta_c "
+        "computes U from it, the reading model. " + found.says("Ratios in numbers"),
+        f"only under the reading {', '.join(right)}" if decided and not holds else "",
+        **found.counts,
+        **{f"equal, {reading}": fit for reading, fit in fits.items()},
     )
 
 
@@ -138,15 +117,14 @@ def readings_of_gammas() -> dict[str, Sequence[Expr]]:
 
 def bounds(loop: LinearLoop) -> dict[str, float]:
     """Return the bound on beta/beta_c by reading of the gammas, at exact beta."""
-    numbers = dict(
-        zip((*FOUR, p.C_U_hat, p.C_Y_hat), (*loop.gains, loop.c_u_hat, loop.c_y_hat), strict=True)
-    )
     return {
-        name: float(bound_of(gammas).subs(numbers)) for name, gammas in readings_of_gammas().items()
+        name: float(bound_of(gammas).subs(loop.letters))
+        for name, gammas in readings_of_gammas().items()
     }
 
 
-def _gammas(case: Case) -> Claim:
+@claim("A-gammas")
+def _gammas(case: TriedRig) -> Finding:
     first, second = GAMMAS[BELOW_A1], GAMMAS[BELOW_A6]
     differ = [str(letter) for letter, x, y in zip(GAMMA, first, second, strict=True) if x != y]
     right = {
@@ -154,31 +132,18 @@ def _gammas(case: Case) -> Claim:
         for name, gammas in GAMMAS.items()
     }
     good = [name for name, fit in right.items() if fit]
-    holds = not differ and right[BELOW_A1]
-    correction = "" if holds or PLAIN not in good else "in (A3) to (A7) gamma_n = k_n, n = 0 to 3"
     loop = linear_loop(case)
-    numbers = dict(
-        zip((*FOUR, p.C_U_hat, p.C_Y_hat), (*loop.gains, loop.c_u_hat, loop.c_y_hat), strict=True)
-    )
-    values: dict[str, Value] = {
-        f"gamma_1, {name}": float(gammas[1].subs(numbers)) for name, gammas in GAMMAS.items()
-    }
-    return Claim(
-        id="A-gammas",
-        place="app. A, below (A1) and below (A6)",
-        statement="The gammas of (A1) to (A7) are those that the text gives, in two places.",
-        verdict=judged(holds=holds, correction=correction),
-        correction=correction,
-        evidence=(
-            f"The two places differ in {', '.join(differ)}: {first[1]} against {second[1]}, "
-            f"{quantity(float(first[1].subs(numbers)), '')} against "
-            f"{quantity(float(second[1].subs(numbers)), '')} on the paper's rig, where (A3) needs "
-            f"k1 = {quantity(loop.gains[1], '1/s^3')}. Of the operator in (A2) to (A4) they leave "
-            f"a remainder; only {' and '.join(good)} {'leaves' if len(good) == 1 else 'leave'} "
-            "none, derivation (A2)."
-        ),
-        command=DERIVE,
-        values=values,
+    gamma_1 = {name: float(gammas[1].subs(loop.letters)) for name, gammas in GAMMAS.items()}
+    return finding(
+        not differ and right[BELOW_A1],
+        f"The two places differ in {', '.join(differ)}: {first[1]} against {second[1]}, "
+        f"{quantity(gamma_1[BELOW_A1], '')} against "
+        f"{quantity(gamma_1[BELOW_A6], '')} on the paper's rig, where (A3) needs "
+        f"k1 = {quantity(loop.gains[1], '1/s^3')}. Of the operator in (A2) to (A4) they leave "
+        f"a remainder; only {' and '.join(good)} {'leaves' if len(good) == 1 else 'leave'} "
+        "none, derivation (A2).",
+        "in (A3) to (A7) gamma_n = k_n, n = 0 to 3" if PLAIN in good else "",
+        **{f"gamma_1, {name}": value for name, value in gamma_1.items()},
     )
 
 
@@ -187,148 +152,105 @@ def _solved(gammas: Sequence[Expr]) -> Expr:
     return (g2 * p.s**2 + g1 * p.s + g0) / (p.s * (p.s + g3))
 
 
-def _routh() -> Claim:
+@claim("A-routh")
+def _routh() -> Finding:
     g0, g1, g2, g3 = GAMMA
-    loop = [sp.Integer(1), g3, d.mu * g2, d.mu * g1, d.mu * g0]
-    conditions = routh_hurwitz(loop)
-    printed = (
-        g3,
-        d.mu * (g3 * g2 - g1),
-        d.mu * (d.mu * g1 * (g3 * g2 - g1) - g3**2 * g0),
-    )
+    conditions = routh_hurwitz([sp.Integer(1), g3, d.mu * g2, d.mu * g1, d.mu * g0])
+    second = d.mu * (g3 * g2 - g1)
+    printed = (g3, second, d.mu * (g1 * second - g3**2 * g0))
     left = [d.simplest(x - y) for x, y in zip(conditions, printed, strict=False)]
-    holds = all(rest == 0 for rest in left) and residual_is_zero("A7-routh")
-    return Claim(
-        id="A-routh",
-        place="app. A, below (A6)",
-        statement=(
-            "The polynomial in (A6) is Hurwitz if its coefficients and the two listed expressions "
-            "are positive."
-        ),
-        verdict=judged(holds=holds),
-        correction="",
-        evidence=(
-            "The listed expressions are the Hurwitz determinants of order 2 and 3, printed minus "
-            f"computed {left[1]} and {left[2]}; the fourth is mu gamma_0 times the third. Right "
-            "in the gammas, whatever they stand for; derivation (A7-routh), residual 0."
-        ),
-        command=DERIVE,
-        values={"residual_2": str(left[1]), "residual_3": str(left[2])},
+    return finding(
+        all(rest == 0 for rest in left) and residual_is_zero("A7-routh"),
+        "The listed expressions are the Hurwitz determinants of order 2 and 3, printed minus "
+        f"computed {left[1]} and {left[2]}; the fourth is mu gamma_0 times the third. Right "
+        "in the gammas, whatever they stand for; derivation (A7-routh), residual 0.",
+        residual_2=str(left[1]),
+        residual_3=str(left[2]),
     )
 
 
-def _second_condition(tried: Sequence[Case]) -> Claim:
-    designed = {line.lhs: line.rhs for line in proved()["25"].lines}
-    value = sp.factor((p.k3 * p.k2 - p.k1).subs(designed))
+@claim("A-second-condition")
+def _second_condition(tried: Sequence[TriedRig]) -> Finding:
+    value = sp.factor(designed(p.k3 * p.k2 - p.k1))
 
-    def positive(case: Case) -> bool:
+    def positive(case: TriedRig) -> bool:
         _, k1, k2, k3 = linear_loop(case).gains
         return k3 * k2 > k1
 
     found = tally(tried, positive)
-    return Claim(
-        id="A-second-condition",
-        place="app. A, below (A6)",
-        statement="gamma_3 gamma_2 - gamma_1 is positive, whatever beta_c.",
-        verdict=judged(holds=bool(value.is_positive) and found.unanimous),
-        correction="",
-        evidence=(
-            f"With gamma_n = k_n and the gains (25) it is {value}, and beta_c is not in it. "
-            + found.says("Numbers")
-        ),
-        command=DERIVE,
-        values={"expression": str(value), "rigs": found.tried, "agreed": found.agreed},
+    return finding(
+        bool(value.is_positive) and found.unanimous,
+        f"With gamma_n = k_n and the gains (25) it is {value}, and beta_c is not in it. "
+        + found.says("Numbers"),
+        expression=str(value),
+        **found.counts,
     )
 
 
-def _positive_gains() -> Claim:
+@claim("A-positive-gains")
+def _positive_gains() -> Finding:
     largest = float(np.roots(POSITIVE_NOT_HURWITZ).real.max())
-    enough = largest < 0
     third = routh_hurwitz([sp.Integer(1), p.k3, p.k2, p.k1, p.k0])[2]
-    correction = "" if enough else f"k_n > 0 and {third} > 0; the gains (25) fulfil it"
-    return Claim(
-        id="A-positive-gains",
-        place="app. A, below (A6)",
-        statement="The designed polynomial (23) is Hurwitz if its four gains are positive.",
-        verdict=judged(holds=enough, correction=correction),
-        correction=correction,
-        evidence=(
-            "Necessary, not sufficient at order four: s^4 + s^3 + s^2 + s + 1 has a root with the "
-            f"real part {quantity(largest, '1/s')}."
-        ),
-        command=DERIVE,
-        values={"largest_real_part": largest},
+    return finding(
+        largest < 0,
+        "Necessary, not sufficient at order four: s^4 + s^3 + s^2 + s + 1 has a root with the "
+        f"real part {quantity(largest, '1/s')}.",
+        f"k_n > 0 and {third} > 0; the gains (25) fulfil it",
+        largest_real_part=largest,
     )
 
 
-def _mu_positive() -> Claim:
-    ratio = (p.beta / p.beta_c).is_positive
-    return Claim(
-        id="A-mu-positive",
-        place="app. A, below (A6)",
-        statement="mu = beta/beta_c is positive, which with positive gains settles condition (i).",
-        verdict=judged(holds=bool(ratio)),
-        correction="",
-        evidence=(
-            "Both are products of squares and positive constants; mu gamma_n > 0 follows. It "
-            "excludes beta_c = 0 and everything below, see A-range."
-        ),
-        command=DERIVE,
+@claim("A-mu-positive")
+def _mu_positive() -> Finding:
+    return finding(
+        (p.beta / p.beta_c).is_positive,
+        "Both are products of squares and positive constants; mu gamma_n > 0 follows. It "
+        "excludes beta_c = 0 and everything below, see A-range.",
     )
 
 
-def _bound(tried: Sequence[Case]) -> Claim:
+@claim("A-bound")
+def _bound(tried: Sequence[TriedRig]) -> Finding:
     case = tried[0]
     found_bounds = bounds(linear_loop(case))
     printed = 1 / float(PRINTED_BOUND)
     matches = [name for name, x in found_bounds.items() if abs(1 / x - printed) < HALF_DIGIT]
-    designed = {line.lhs: line.rhs for line in proved()["25"].lines}
-    edge = sp.factor(bound_of(GAMMAS[PLAIN]).subs(designed))
+    edge = sp.factor(designed(bound_of(GAMMAS[PLAIN])))
     found = tally(tried, lambda c: _crosses_at(c, "appendix-a", 1 / float(_edge_of(c, edge))))
     right = residual_is_zero("A7", "A7-general") and found.unanimous
-    holds = PLAIN in matches and right
     zeta = case.poles.values[0]
     correction = f"mu > {edge} = 1/{1 / float(_edge_of(case, edge)):.4g} at zeta = {zeta:g}"
-    correction = correction if right and not holds else ""
     listed = ", ".join(f"{x:.4g} with {name}" for name, x in found_bounds.items())
     beyond = [name for name, x in found_bounds.items() if x >= 1]
-    return Claim(
-        id="A-bound",
-        place="app. A, below (A7)",
-        statement=f"With the gains of section 4 condition (A7) becomes beta/beta_c > {BOUND_TEXT}.",
-        verdict=judged(holds=holds, correction=correction),
-        correction=correction,
-        evidence=(
-            f"At exact beta (A7) asks for mu above {listed}; {BOUND_TEXT} = "
-            f"{float(PRINTED_BOUND):.4g} is {' and '.join(matches) or 'none of them'}, and "
-            f"{' and '.join(beyond) or 'none'} would rule the exact beta, mu = 1, out. "
-            "Under the appendix's own assumption (reading appendix-a, ball at Y): "
-            + found.says(f"Eigenvalues {100 * NEAR:g} % on either side of {edge}")
-        ),
-        command=DERIVE,
-        values={
-            **{f"bound, {name}": x for name, x in found_bounds.items()},
-            "printed": float(PRINTED_BOUND),
-            "rigs": found.tried,
-            "agreed": found.agreed,
-        },
+    return finding(
+        PLAIN in matches and right,
+        f"At exact beta (A7) asks for mu above {listed}; {BOUND_TEXT} = "
+        f"{float(PRINTED_BOUND):.4g} is {' and '.join(matches) or 'none of them'}, and "
+        f"{' and '.join(beyond) or 'none'} would rule the exact beta, mu = 1, out. "
+        "Under the appendix's own assumption (reading appendix-a, ball at Y): "
+        + found.says(f"Eigenvalues {100 * NEAR:g} % on either side of {edge}"),
+        correction if right else "",
+        **{f"bound, {name}": x for name, x in found_bounds.items()},
+        printed=float(PRINTED_BOUND),
+        **found.counts,
     )
 
 
-def _edge_of(case: Case, edge: Expr) -> Expr:
+def _edge_of(case: TriedRig, edge: Expr) -> Expr:
     return edge.subs(p.zeta, case.poles.values[0])
 
 
-def _crosses_at(case: Case, reading: Equilibrium, upper: float) -> bool:
+def _crosses_at(case: TriedRig, reading: Equilibrium, upper: float) -> bool:
     """Whether the loop at Y is stable just below the ratio `upper` and not just above."""
     below, above = (
-        is_stable(bounded_matrix(linear_loop(case, ratio=upper * share, reading=reading)))
+        linear_loop(case, ratio=upper * share, reading=reading).stable
         for share in (1 - NEAR, 1 + NEAR)
     )
     return below and not above
 
 
-def _range(tried: Sequence[Case]) -> Claim:
+@claim("A-range")
+def _range(tried: Sequence[TriedRig]) -> Finding:
     edge = proved()["A7"].lines[1].rhs
     case = tried[0]
     upper = float(1 / _edge_of(case, edge)) - 1
@@ -336,46 +258,31 @@ def _range(tried: Sequence[Case]) -> Claim:
     at_zero = sp.limit(1 / _appendix_gain().subs(p.beta_c, d.mu), d.mu, lowest, "+")
     lower_allowed = at_zero.is_finite
 
-    def agrees(other: Case) -> bool:
+    def agrees(other: TriedRig) -> bool:
         end = float(1 / _edge_of(other, edge))
-        inside = np.linspace(0.02, 0.98, 9) * end
-        loops = (linear_loop(other, ratio=float(x), reading="appendix-a") for x in inside)
         return _crosses_at(other, "appendix-a", end) and all(
-            is_stable(bounded_matrix(loop)) for loop in loops
+            linear_loop(other, ratio=share * end, reading="appendix-a").stable
+            for share in np.linspace(0.02, 0.98, 9)
         )
 
     found = tally(tried, agrees)
     ends_fit = abs(upper - PRINTED_RANGE[1]) < HALF_DIGIT
-    holds = bool(ends_fit and lower_allowed and found.unanimous)
     general = sp.simplify(1 / edge - 1)
     correction = (
         f"-beta < e_beta < {general} beta, {upper:.4g} beta at zeta = {case.poles.values[0]:g}"
     )
-    correction = "" if holds or not found.unanimous else correction
-    return Claim(
-        id="A-range",
-        place="app. A, last paragraph",
-        statement=(
-            f"The loop is stable for -beta <= beta_c - beta <= {PRINTED_RANGE[1]:g} beta, ends "
-            "included."
-        ),
-        verdict=judged(holds=holds, correction=correction),
-        correction=correction,
-        evidence=(
-            "From the corrected bound, by the appendix's own assumption (U measured, ball at Y, "
-            "continuous time). At the upper end the loop is on the edge; at the lower beta_c = 0, "
-            f"and 1/C_U_hat tends to {'infinity' if at_zero == sp.oo else at_zero}: there is no "
-            "controller. What other readings, the moved ball and sampling make of it: A-interval, "
-            "A-sampled. " + found.says("Eigenvalues inside the range and around its upper end")
-        ),
-        command="maglev-design claims --only A-range",
-        values={
-            "upper": upper,
-            "lower": -1.0,
-            "printed_upper": PRINTED_RANGE[1],
-            "rigs": found.tried,
-            "agreed": found.agreed,
-        },
+    return finding(
+        bool(ends_fit and lower_allowed and found.unanimous),
+        "From the corrected bound, by the appendix's own assumption (U measured, ball at Y, "
+        "continuous time). At the upper end the loop is on the edge; at the lower beta_c = 0, "
+        f"and 1/C_U_hat tends to {'infinity' if at_zero == sp.oo else at_zero}: there is no "
+        "controller. What other readings, the moved ball and sampling make of it: A-interval, "
+        "A-sampled. " + found.says("Eigenvalues inside the range and around its upper end"),
+        correction if found.unanimous else "",
+        upper=upper,
+        lower=-1.0,
+        printed_upper=PRINTED_RANGE[1],
+        **found.counts,
     )
 
 

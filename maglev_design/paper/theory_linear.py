@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+import sympy as sp
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
@@ -19,7 +20,7 @@ from maglev_design import design
 from maglev_design.design import PAPER_POLES, PoleSpec
 from maglev_design.lowering import lower
 from maglev_design.options import Equilibrium
-from maglev_design.paper.ledger import Verdict, judged
+from maglev_design.paper.ledger import Verdict
 from maglev_design.paper.rigs import random_poles
 from maglev_design.programs import gains_program
 from maglev_design.rig import Rig
@@ -39,7 +40,7 @@ POLES_SEED = 21
 
 
 @dataclass(frozen=True)
-class Case:
+class TriedRig:
     """A rig with the poles of its controller."""
 
     rig: Rig
@@ -70,37 +71,35 @@ class Tally:
         """Whether no rig disagrees."""
         return self.agreed == self.tried
 
+    @property
+    def counts(self) -> dict[str, int]:
+        """Both numbers by their names in the values of a claim."""
+        return {"rigs": self.tried, "agreed": self.agreed}
+
     def says(self, method: str) -> str:
         """Return the sentence of the evidence."""
         return f"{method}: {self.agreed} of {self.tried} rigs agree."
 
 
-def refuted(*, proof: bool, numbers: Tally, correction: str = "") -> Verdict:
-    """Return the verdict of a statement that a proof and the rigs speak against, or both do not.
+def refuted(*, proof: bool, numbers: Tally) -> Verdict | bool:
+    """Return whether a statement holds that a proof and the rigs speak against, or both do not.
 
     Where they disagree with each other nothing is decided.
     """
-    if proof != numbers.unanimous:
-        return "not-checkable"
-    return judged(holds=not proof, correction=correction)
+    return not proof if proof == numbers.unanimous else "not-checkable"
 
 
-def cases(rig: Rig, rigs: Sequence[Rig]) -> tuple[Case, ...]:
+def tried_rigs(rig: Rig, rigs: Sequence[Rig]) -> tuple[TriedRig, ...]:
     """Return `rig` with the paper's poles, the others with random ones.
 
     A measured voltage is left aside: where a claim speaks of one, it means the plant's own.
     """
-    own = Case(_unmeasured(rig), PoleSpec.double(*PAPER_POLES))
     pairs = random_poles(len(rigs), POLES_SEED)
-    return (
-        own,
-        *(
-            Case(
-                _unmeasured(other), PoleSpec.double(zeta, speed * math.sqrt(_true(other, None).C_Y))
-            )
-            for other, (zeta, speed) in zip(rigs, pairs, strict=True)
-        ),
+    others = (
+        TriedRig(_unmeasured(x), PoleSpec.double(zeta, speed * math.sqrt(_true(x, None).C_Y)))
+        for x, (zeta, speed) in zip(rigs, pairs, strict=True)
     )
+    return TriedRig(_unmeasured(rig), PoleSpec.double(*PAPER_POLES)), *others
 
 
 def _unmeasured(rig: Rig) -> Rig:
@@ -108,9 +107,13 @@ def _unmeasured(rig: Rig) -> Rig:
     return rig.model_copy(update={"operating_point": point})
 
 
-def tally(tried: Sequence[Case], check: Callable[[Case], bool]) -> Tally:
+def tally(tried: Sequence[TriedRig], check: Callable[[TriedRig], bool]) -> Tally:
     """Return on how many of the cases `check` holds."""
     return Tally(len(tried), sum(bool(check(case)) for case in tried))
+
+
+PRINTED_STATES = ("y_d", "v_d", "int(u_d)", "int(y_d)", "int(e)", "int(int(e))")
+"""Of the loop with (20) as printed."""
 
 
 @dataclass(frozen=True)
@@ -138,13 +141,57 @@ class LinearLoop:
         """C_U'/C_U^."""
         return self.c_u / self.c_u_hat
 
+    @property
+    def letters(self) -> dict[sp.Symbol, float]:
+        """Every number by its letter in the derivation."""
+        letters = (p.C_U, p.C_Y, p.C_U_hat, p.C_Y_hat, p.k0, p.k1, p.k2, p.k3, p.rho)
+        numbers = (self.c_u, self.c_y, self.c_u_hat, self.c_y_hat, *self.gains, self.rho)
+        return dict(zip(letters, numbers, strict=True))
+
+    @property
+    def stable(self) -> bool:
+        """Whether the loop with the two-state law is."""
+        return is_stable(self.bounded)
+
+    @property
+    def bounded(self) -> Array:
+        """Return the loop with the two-state law, in (e, e', x1, x2)."""
+        numbers = _core()(self.c_u_hat, self.c_y_hat, *self.gains)
+        a, b, c, through = (
+            np.array(numbers[:4]).reshape(2, 2),
+            numbers[4:6],
+            numbers[6:8],
+            numbers[8],
+        )
+        matrix = np.zeros((4, 4))
+        matrix[0, 1] = 1.0
+        matrix[1] = [self.c_y - self.c_u * through, 0.0, -self.c_u * c[0], -self.c_u * c[1]]
+        matrix[2:, 0], matrix[2:, 2:] = b, a
+        return matrix
+
+    @property
+    def printed(self) -> tuple[Array, Array]:
+        """Return the loop with (20) as printed in :data:`PRINTED_STATES`, and its reference column.
+
+        The column is what a constant incremental reference gap adds to the rates.
+        """
+        k0, k1, k2, k3 = self.gains
+        voltage = np.array(
+            [k2 + self.c_y_hat, 0.0, -k3 * self.c_u_hat, k3 * self.c_y_hat, k1, k0], dtype=float
+        )
+        voltage /= self.c_u_hat
+        from_reference = (self.c_y_hat - (k2 + self.c_y_hat)) / self.c_u_hat
+        matrix, column = np.zeros((6, 6)), np.zeros(6)
+        matrix[0, 1] = matrix[3, 0] = matrix[4, 0] = matrix[5, 4] = 1.0
+        matrix[1] = -self.c_u * voltage
+        matrix[1, 0] += self.c_y
+        matrix[2] = voltage
+        column[[1, 2, 4]] = -self.c_u * from_reference, from_reference, -1.0
+        return matrix, column
+
 
 def linear_loop(
-    case: Case,
-    *,
-    gap: float | None = None,
-    ratio: float = 1.0,
-    reading: Equilibrium = "model",
+    case: TriedRig, *, gap: float | None = None, ratio: float = 1.0, reading: Equilibrium = "model"
 ) -> LinearLoop:
     """Return the loop at `gap` (default Y) with beta_c = `ratio` beta."""
     rig, beta = case.rig, design.plant_beta(case.rig)
@@ -152,7 +199,7 @@ def linear_loop(
     believed = design.believed_equilibrium(
         rig, reading, beta_c=ratio * beta, voltage=design.voltage_on_plant(rig, beta)
     )
-    k0, k1, k2, k3 = _gains()(*case.poles.values)
+    k0, k1, k2, k3 = gains_program().scalar()(*case.poles.values)
     return LinearLoop(true.C_U, true.C_Y, believed.C_U, believed.C_Y, (k0, k1, k2, k3))
 
 
@@ -162,50 +209,11 @@ def _true(rig: Rig, gap: float | None) -> design.Believed:
 
 
 @cache
-def _gains() -> Numbers:
-    return gains_program().scalar()
-
-
-@cache
 def _core() -> Numbers:
     core = tan_gpi().core
     entries = [stability.believed(x) for x in (*core.A, *core.B, *core.C, *core.D)]
     inputs = (p.C_U_hat, p.C_Y_hat, p.k0, p.k1, p.k2, p.k3)
     return lower(inputs, {f"entry{n}": x for n, x in enumerate(entries)}).scalar()
-
-
-def bounded_matrix(loop: LinearLoop) -> Array:
-    """Return the loop with the two-state law, in (e, e', x1, x2)."""
-    numbers = _core()(loop.c_u_hat, loop.c_y_hat, *loop.gains)
-    a, b, c, through = np.array(numbers[:4]).reshape(2, 2), numbers[4:6], numbers[6:8], numbers[8]
-    matrix = np.zeros((4, 4))
-    matrix[0, 1] = 1.0
-    matrix[1] = [loop.c_y - loop.c_u * through, 0.0, -loop.c_u * c[0], -loop.c_u * c[1]]
-    matrix[2:, 0], matrix[2:, 2:] = b, a
-    return matrix
-
-
-PRINTED_STATES = ("y_d", "v_d", "int(u_d)", "int(y_d)", "int(e)", "int(int(e))")
-
-
-def printed_matrix(loop: LinearLoop) -> tuple[Array, Array]:
-    """Return the loop with (20) as printed in :data:`PRINTED_STATES`, and its reference column.
-
-    The column is what a constant incremental reference gap adds to the rates.
-    """
-    k0, k1, k2, k3 = loop.gains
-    voltage = np.array(
-        [k2 + loop.c_y_hat, 0.0, -k3 * loop.c_u_hat, k3 * loop.c_y_hat, k1, k0], dtype=float
-    )
-    voltage /= loop.c_u_hat
-    from_reference = (loop.c_y_hat - (k2 + loop.c_y_hat)) / loop.c_u_hat
-    matrix, column = np.zeros((6, 6)), np.zeros(6)
-    matrix[0, 1] = matrix[3, 0] = matrix[4, 0] = matrix[5, 4] = 1.0
-    matrix[1] = -loop.c_u * voltage
-    matrix[1, 0] += loop.c_y
-    matrix[2] = voltage
-    column[[1, 2, 4]] = -loop.c_u * from_reference, from_reference, -1.0
-    return matrix, column
 
 
 def answer(matrix: Array, column: Array, start: Array, degree: int, time: float) -> Array:
@@ -226,6 +234,12 @@ def settling_time(matrix: Array) -> float:
     """
     rates = np.abs(np.linalg.eigvals(matrix).real)
     return SETTLED / float(rates[rates > rates.max() / 1e3].min())
+
+
+def settled(matrix: Array, column: Array, degree: int = 0, start: Array | float = 0.0) -> Array:
+    """Return :func:`answer` once the transients are gone."""
+    begin = np.zeros(len(matrix)) + start
+    return answer(matrix, column, begin, degree, settling_time(matrix))
 
 
 def is_stable(matrix: Array) -> bool:

@@ -86,6 +86,15 @@ class Contender:
         """The controller's variant in words, "default" for the first of its kind."""
         return self.controller.variant or "default"
 
+    def as_dict(self) -> dict[str, str]:
+        """Return who it is, for JSON."""
+        return {
+            "controller": self.controller.name,
+            "label": self.label,
+            "variant": self.variant,
+            "guess": self.guess,
+        }
+
 
 PID_GUESS = (
     "the paper says a linear PID with poles at -70 and no more: feedforward, filter, what is "

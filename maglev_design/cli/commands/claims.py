@@ -22,8 +22,12 @@ class ClaimsOptions:
     ] = 20
     seed: Seed = 0
     only: Annotated[
-        str | None, typer.Option(help="Show only claims whose id starts so, with their evidence.")
+        str | None,
+        typer.Option(help="Judge only this claim, or those whose id starts so, with evidence."),
     ] = None
+    list_them: Annotated[
+        bool, typer.Option("--list", help="Only list the claims, at once; judge none.")
+    ] = False
     output: Annotated[Path | None, to("Folder for claims.json and claims.md.")] = None
     force: Force = False
     json: Json = False
@@ -33,4 +37,5 @@ def claims(options: ClaimsOptions) -> None:
     """Judge every equation and every quantitative claim of the paper, with evidence."""
     from maglev_design.cli import claims_verb  # noqa: PLC0415
 
-    claims_verb.judge_claims(options)
+    run = claims_verb.list_claims if options.list_them else claims_verb.judge_claims
+    run(options)
