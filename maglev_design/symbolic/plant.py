@@ -6,6 +6,7 @@ With y0 = 0 every expression is the paper's.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import sympy as sp
 from sympy import Expr, Symbol
@@ -120,6 +121,7 @@ class Plant:
     coil_rate: Expr
 
 
+@cache
 def magnetic_levitation() -> Plant:
     """Return the plant m y'' = m g - K i^2/(y + y0)^2, i = C u, eqs. (1)-(5).
 

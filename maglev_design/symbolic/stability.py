@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Literal
 
 import sympy as sp
@@ -132,6 +133,7 @@ def hurwitz_shares(law: ControlLaw) -> tuple[Expr, ...]:
     return tuple(condition / sp.Abs(condition.subs(designed)) for condition in conditions)
 
 
+@cache
 def stability_condition() -> Expr:
     """Return rho (omega_n^2 + C_Y^) - C_Y' - omega_n^2/(4 zeta^2 + 1) for the gains (25).
 
