@@ -1,13 +1,19 @@
-"""What several test modules need: the rigs, and hypothesis without a clock."""
+"""What several test modules need: the rigs, hypothesis without a clock, the order of the tests."""
 
 from __future__ import annotations
 
+import tempfile
+from typing import Any
+
+import once
 import pytest
+import scheduling
 from exported import judged
 from hypothesis import HealthCheck, settings
 from rigs import OFFSET, SHORT, rig_with
 
 from maglev_design.design import PoleSpec
+from maglev_design.paper.survey import Row, survey
 from maglev_design.record import DesignRecord
 from maglev_design.rig import Rig, load_rig
 
@@ -18,6 +24,27 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("repeatable")
+
+FOLDER = pytest.StashKey[tempfile.TemporaryDirectory[str] | None]()
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.stash[FOLDER] = once.begin()
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    once.end(config.stash[FOLDER])
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: scheduling.order(item.nodeid))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    if config.getvalue("dist") == "loadgroup":
+        return scheduling.scheduler(config, log)
+    return None
 
 
 @pytest.fixture(scope="session")
@@ -41,4 +68,10 @@ def offset_rig() -> Rig:
 @pytest.fixture(scope="session")
 def tuned_record() -> DesignRecord:
     """A design on a 0.4 s path as `tune` saves it, with a name that no target language can hold."""
-    return judged(PoleSpec.double(1.1, 75.0))
+    return once.once("tuned_record", lambda: judged(PoleSpec.double(1.1, 75.0)))
+
+
+@pytest.fixture(scope="session")
+def short_survey(short_rig: Rig) -> tuple[Row, ...]:
+    """Every reading of the paper on the 0.4 s path."""
+    return once.once("short_survey", lambda: survey(short_rig))

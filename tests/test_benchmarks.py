@@ -19,7 +19,6 @@ HEADINGS = (
     *("Start-up", "Memory", "A robust tune", "A sweep"),
 )
 TARGETS = 9
-pytestmark = pytest.mark.xdist_group("benchmarks")
 
 
 @pytest.fixture(scope="module")

@@ -11,11 +11,7 @@ import pytest
 from nbclient import NotebookClient
 
 FOLDER = Path(__file__).parents[1] / "notebooks"
-NOTEBOOKS = [
-    pytest.param(path, id=path.stem, marks=pytest.mark.xdist_group(path.stem))
-    for path in sorted(FOLDER.glob("*.py"))
-]
-"""A group each, so that no worker has to run two while another is idle."""
+NOTEBOOKS = [pytest.param(path, id=path.stem) for path in sorted(FOLDER.glob("*.py"))]
 LONGEST_CELL = 300
 """[s] A kernel that hangs is a failure and not a suite that never ends; no cell comes near it."""
 EXERCISES = 3

@@ -10,17 +10,15 @@ import pytest
 
 from maglev_design.paper import single_runs, surveyed
 from maglev_design.paper.ledger import Claim
-from maglev_design.paper.survey import Row, survey
+from maglev_design.paper.survey import Row
 from maglev_design.paper.surveyed import EVERYONE, SMALLER, Scope, smaller_figures
 from maglev_design.paper.trials import contenders
 from maglev_design.rig import Rig
 
-pytestmark = pytest.mark.xdist_group("survey")
-
 
 @pytest.fixture(scope="module")
-def rows(short_rig: Rig) -> tuple[Row, ...]:
-    return survey(short_rig)
+def rows(short_survey: tuple[Row, ...]) -> tuple[Row, ...]:
+    return short_survey
 
 
 def scaled(rows: tuple[Row, ...], label: str, figure: str, factor: float) -> tuple[Row, ...]:

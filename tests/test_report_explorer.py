@@ -164,7 +164,6 @@ def agrees(found: dict[str, float], poles: PoleSpec, ratio: float) -> None:
     assert [found[f"gain-k{n}"] for n in range(4)] == pytest.approx(gains, rel=1e-14)
 
 
-@pytest.mark.xdist_group("browser")
 def test_the_page_opens_at_the_design_and_a_moved_slider_moves_the_curves(page: Path) -> None:
     """A user's own event, and the address: numbers and curves follow both."""
     record = tuned()
@@ -193,7 +192,6 @@ def test_the_page_opens_at_the_design_and_a_moved_slider_moves_the_curves(page: 
     assert drawn(moved, "start") != drawn(opened, "start")
 
 
-@pytest.mark.xdist_group("browser")
 def test_the_page_is_drawn_light_and_dark(page: Path, tmp_path: Path) -> None:
     from PIL import Image  # noqa: PLC0415 - matplotlib brings it
 
