@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from maglev_design import design as designs
-from maglev_design.design import Believed, Design
-from maglev_design.family import Family
+from maglev_design.controller import design as designs
+from maglev_design.controller.design import Believed, Design
+from maglev_design.controller.family import Family
 from maglev_design.options import TAN_GPI, Controller, Method
 from maglev_design.programs import (
     gains_program,

@@ -23,19 +23,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design import __version__
-from maglev_design.design import Design, coefficient_inputs, difference_coefficients, reference_of
-from maglev_design.design_data import design_as_data, design_from_data
+from maglev_design.controller.data import design_as_data, design_from_data
+from maglev_design.controller.design import (
+    Design,
+    coefficient_inputs,
+    difference_coefficients,
+    reference_of,
+    true_equilibrium,
+)
 from maglev_design.errors import InputError
 from maglev_design.files import digest, finite, read_document, write_bytes
 from maglev_design.options import SCHEMA_VERSION, TAN_GPI
-from maglev_design.programs import gains_program
+from maglev_design.programs import gains_program, slope_program
 from maglev_design.rig import Rig, make_rig
-from maglev_design.simulate import simulate
+from maglev_design.simulation import simulate
 
 if TYPE_CHECKING:
-    from maglev_design.certify.lyapunov.lmi import LmiCertificate
-    from maglev_design.certify.margins import Margins
-    from maglev_design.tune import TradeOff, TuneResult
+    from maglev_design.certification.lyapunov.lmi import LmiCertificate
+    from maglev_design.certification.margins import Margins
+    from maglev_design.tuning import TradeOff, TuneResult
 
 KIND = "maglev-design"
 RECORD_VERSION = 2
@@ -71,6 +77,52 @@ class DesignRecord:
     document: dict[str, Any]
     curves: Curves
 
+    def controller(self) -> Any:
+        """Return the controller's linear core as a python-control state space, dt = T [s].
+
+        From what the law reads, for TAN-GPI e = y - y* [m], to the voltage beside its feedforward
+        [V]; the clamp is not in it. The plant's gain is negative, so the loop of both is
+        ``control.feedback(plant * controller, sign=1)``.
+        """
+        import control  # noqa: PLC0415 - heavy
+
+        from maglev_design.programs.derived import core  # noqa: PLC0415 - SymPy
+
+        design, rig = self.design, self.rig
+        linear, names = core(design.method, design.controller)
+        known = {symbol: design.coefficients[symbol.name] for symbol in names}
+        parts = [
+            np.array(part.subs(known), dtype=float)
+            for part in (linear.A, linear.B, linear.C, linear.D)
+        ]
+        slope, _ = slope_program(design.controller).scalar()(
+            design.believed.U,
+            design.Y,
+            design.believed.beta,
+            rig.plant.gap_offset,
+            design.believed.C_U,
+        )
+        parts[2], parts[3] = slope * parts[2], slope * parts[3]
+        return control.ss(*parts, self.design.period)
+
+    def plant(self, gap: float | None = None, ratio: float = 1.0) -> Any:
+        """Return the plant's tangent at rest as a python-control state space, continuous.
+
+        From the voltage's deviation [V] to that of the gap [m]; states (y_delta, y_delta').
+
+        Parameters
+        ----------
+        gap : float, optional
+            [m]; default: Y.
+        ratio : float
+            beta_c/beta [-].
+        """
+        import control  # noqa: PLC0415 - heavy
+
+        at = self.design.Y if gap is None else gap
+        rest = true_equilibrium(self.rig, self.design.beta_at(ratio), at)
+        return control.ss([[0, 1], [rest.C_Y, 0]], [[0], [-rest.C_U]], [[1, 0]], [[0]])
+
 
 def called(document: Mapping[str, Any]) -> str:
     """Return what a record's design is called beside others: found by a search, or given."""
@@ -105,7 +157,7 @@ def make_record(
 
     Without a `certificate` the record says that none is made for the law.
     """
-    from maglev_design.tune import as_json  # noqa: PLC0415 - not for reading a record back
+    from maglev_design.tuning import as_json  # noqa: PLC0415 - not for reading a record back
 
     rig, design = result.problem.rig, result.design
     versions = {name: metadata.version(name) for name in PACKAGES}
@@ -149,8 +201,8 @@ def _certificate(result: TuneResult, found: LmiCertificate | None) -> dict[str, 
 
 def _curves(result: TuneResult) -> dict[str, NDArray[np.float64]]:
     """Return the responses and the landscape behind the plots."""
-    from maglev_design.tune.evaluation import design_at, scenario_at  # noqa: PLC0415
-    from maglev_design.tune.problem import TuningCase  # noqa: PLC0415
+    from maglev_design.tuning.evaluation import design_at, scenario_at  # noqa: PLC0415
+    from maglev_design.tuning.problem import TuningCase  # noqa: PLC0415
 
     problem = result.problem
     curves: dict[str, NDArray[np.float64]] = {}
@@ -245,7 +297,7 @@ def _read_curves(path: Path) -> Curves:
 
 def _check_numbers(rig: Rig, design: Design, document: Mapping[str, Any], path: Path) -> None:
     """Raise `InputError` where a record's numbers contradict each other."""
-    from maglev_design.tune.document import difference_equation  # noqa: PLC0415
+    from maglev_design.tuning.document import difference_equation  # noqa: PLC0415
 
     known = coefficient_inputs(rig, design.believed) | design.named_gains
     made = difference_coefficients(known, design.method, design.controller)

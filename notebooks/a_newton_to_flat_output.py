@@ -36,17 +36,17 @@ import sympy as sp
 from matplotlib_inline.backend_inline import set_matplotlib_formats
 from scipy.integrate import solve_ivp
 
-from maglev_design.derivation import NOTATION
-from maglev_design.design import (
+from maglev_design.controller.design import (
     believed_equilibrium,
     check_path_voltage,
     plant_beta,
     reference_path,
     true_equilibrium,
 )
+from maglev_design.derivation import NOTATION
 from maglev_design.errors import InputError
 from maglev_design.lowering import lower
-from maglev_design.report.plots.style import BLUE, GREY, RED, STYLE, WIDTH
+from maglev_design.reporting.plots.style import BLUE, GREY, RED, STYLE, WIDTH
 from maglev_design.rig import load_rig, make_rig
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.flatness import flat_model, round_trip_residual

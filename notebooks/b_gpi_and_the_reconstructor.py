@@ -37,9 +37,9 @@ import numpy as np
 import sympy as sp
 from matplotlib_inline.backend_inline import set_matplotlib_formats
 
+from maglev_design.controller.design import PoleSpec, make_design
 from maglev_design.derivation import NOTATION
 from maglev_design.derivation.control import printed_law
-from maglev_design.design import PoleSpec, make_design
 from maglev_design.options import Controller
 from maglev_design.paper.theory_disturbances import error_of_disturbance, lasting
 from maglev_design.paper.theory_law import pid_numbers
@@ -50,7 +50,7 @@ from maglev_design.paper.theory_linear import (
     linear_loop,
     printed_matrix,
 )
-from maglev_design.report.plots.style import BLUE, GREEN, GREY, RED, STYLE, WIDTH
+from maglev_design.reporting.plots.style import BLUE, GREEN, GREY, RED, STYLE, WIDTH
 from maglev_design.rig import load_rig
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.laws import (

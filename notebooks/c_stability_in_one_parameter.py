@@ -36,18 +36,23 @@ import numpy as np
 import sympy as sp
 from matplotlib_inline.backend_inline import set_matplotlib_formats
 
-from maglev_design.certify.intervals.interval import exact_loop, gaps_at, ratios_at, ratios_over
-from maglev_design.certify.intervals.sampled import setting, timing
-from maglev_design.certify.intervals.sampled_interval import sampled_ratios_at
-from maglev_design.certify.rationals import decimal
+from maglev_design.certification.intervals.interval import (
+    exact_loop,
+    gaps_at,
+    ratios_at,
+    ratios_over,
+)
+from maglev_design.certification.intervals.sampled import setting, timing
+from maglev_design.certification.intervals.sampled_interval import sampled_ratios_at
+from maglev_design.certification.rationals import decimal
+from maglev_design.controller.design import PoleSpec, make_design, plant_beta, voltage_on_plant
 from maglev_design.derivation import NOTATION
-from maglev_design.design import PoleSpec, make_design, plant_beta, voltage_on_plant
 from maglev_design.options import EQUILIBRIA
 from maglev_design.paper.theory_appendix import bounds
 from maglev_design.paper.theory_linear import Case, bounded_matrix, linear_loop
-from maglev_design.report.plots.style import BLUE, GREEN, GREY, RED, STYLE, WIDTH
+from maglev_design.reporting.plots.style import BLUE, GREEN, GREY, RED, STYLE, WIDTH
 from maglev_design.rig import load_rig, make_rig
-from maglev_design.simulate import Scenario, loop_for, simulate
+from maglev_design.simulation import Scenario, loop_for, simulate
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.laws import match_coefficients, pole_pairs_polynomial, tan_gpi
 from maglev_design.symbolic.robustness import GAP, largest_ratio

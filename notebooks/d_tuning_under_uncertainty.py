@@ -34,9 +34,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib_inline.backend_inline import set_matplotlib_formats
 
-from maglev_design.certify.lyapunov.lmi import certify_sampled
-from maglev_design.certify.margins import sampled_margins
-from maglev_design.design import (
+from maglev_design.certification.lyapunov.lmi import certify_sampled
+from maglev_design.certification.margins import sampled_margins
+from maglev_design.controller.design import (
     PoleSpec,
     believed_equilibrium,
     make_design,
@@ -46,11 +46,11 @@ from maglev_design.design import (
     voltage_on_plant,
 )
 from maglev_design.record import make_record
-from maglev_design.report.plots.design import landscape
-from maglev_design.report.plots.style import BLUE, GREY, RED, STYLE, WIDTH
+from maglev_design.reporting.plots.design import landscape
+from maglev_design.reporting.plots.style import BLUE, GREY, RED, STYLE, WIDTH
 from maglev_design.rig import load_rig, make_rig
-from maglev_design.simulate import Scenario, loop_for, nominal_scenario, simulate
-from maglev_design.tune import Status, build_problem, judge, solve
+from maglev_design.simulation import Scenario, loop_for, nominal_scenario, simulate
+from maglev_design.tuning import Status, build_problem, judge, solve
 
 plt.rcParams.update(STYLE)
 set_matplotlib_formats("svg")

@@ -38,18 +38,18 @@ import sympy as sp
 from matplotlib_inline.backend_inline import set_matplotlib_formats
 from scipy.linalg import expm
 
-from maglev_design.certify.lyapunov import certificate, exact
-from maglev_design.certify.lyapunov.lmi import LmiStatus, certify_family
-from maglev_design.certify.region.guaranteed import guaranteed_region
-from maglev_design.certify.region.simulated import (
+from maglev_design.certification.lyapunov import certificate, exact
+from maglev_design.certification.lyapunov.lmi import LmiStatus, certify_family
+from maglev_design.certification.region.guaranteed import guaranteed_region
+from maglev_design.certification.region.simulated import (
     contradictions,
     region_curves,
     region_extent,
     simulated_map,
 )
-from maglev_design.design import PoleSpec, make_design, plant_beta, true_equilibrium
-from maglev_design.report.plots.region import region_figure
-from maglev_design.report.plots.style import BLUE, GREY, RED, STYLE, WIDTH
+from maglev_design.controller.design import PoleSpec, make_design, plant_beta, true_equilibrium
+from maglev_design.reporting.plots.region import region_figure
+from maglev_design.reporting.plots.style import BLUE, GREY, RED, STYLE, WIDTH
 from maglev_design.rig import load_rig
 
 plt.rcParams.update(STYLE)

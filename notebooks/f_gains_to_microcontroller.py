@@ -40,26 +40,32 @@ import sympy as sp
 from matplotlib_inline.backend_inline import set_matplotlib_formats
 
 from maglev_design import linear_loop as loops
-from maglev_design.certify.intervals.sampled import setting
-from maglev_design.certify.intervals.sampled_limits import largest_period
-from maglev_design.certify.lyapunov.lmi import certify_sampled
-from maglev_design.certify.margins import sampled_margins
+from maglev_design.certification.intervals.sampled import setting
+from maglev_design.certification.intervals.sampled_limits import largest_period
+from maglev_design.certification.lyapunov.lmi import certify_sampled
+from maglev_design.certification.margins import sampled_margins
+from maglev_design.controller.design import (
+    PoleSpec,
+    make_design,
+    plant_beta,
+    reference_path,
+    true_equilibrium,
+)
+from maglev_design.controller.family import Family, family_of
 from maglev_design.derivation import NOTATION
-from maglev_design.design import PoleSpec, make_design, plant_beta, reference_path, true_equilibrium
-from maglev_design.export import export_folder
-from maglev_design.export.verify import verify_folder
-from maglev_design.family import Family, family_of
+from maglev_design.exporting import export_folder
+from maglev_design.exporting.verify import verify_folder
 from maglev_design.options import METHODS
 from maglev_design.paper.theory_law import hold_drift
 from maglev_design.paper.theory_linear import Case, linear_loop
 from maglev_design.programs import acceleration_program, law, step_program
 from maglev_design.record import make_record
-from maglev_design.report.plots.style import BLUE, GREEN, GREY, RED, STYLE, WIDTH
+from maglev_design.reporting.plots.style import BLUE, GREEN, GREY, RED, STYLE, WIDTH
 from maglev_design.rig import load_rig, make_rig
-from maglev_design.simulate import Scenario, loop_for, nominal_scenario, simulate
+from maglev_design.simulation import Scenario, loop_for, nominal_scenario, simulate
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.sampling import difference_equation
-from maglev_design.tune import build_problem, solve
+from maglev_design.tuning import build_problem, solve
 
 plt.rcParams.update(STYLE)
 set_matplotlib_formats("svg")

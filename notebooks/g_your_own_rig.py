@@ -37,10 +37,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib_inline.backend_inline import set_matplotlib_formats
 
-from maglev_design.certify.intervals.interval import exact_loop, ratios_over
-from maglev_design.certify.lyapunov.lmi import certify_family
-from maglev_design.certify.margins import sampled_margins
-from maglev_design.design import (
+from maglev_design.certification.intervals.interval import exact_loop, ratios_over
+from maglev_design.certification.lyapunov.lmi import certify_family
+from maglev_design.certification.margins import sampled_margins
+from maglev_design.controller.design import (
     PoleSpec,
     check_path_voltage,
     make_design,
@@ -49,12 +49,12 @@ from maglev_design.design import (
 )
 from maglev_design.errors import InputError
 from maglev_design.record import load, make_record, save
-from maglev_design.report.plots.design import error, landscape
-from maglev_design.report.plots.response import response_figure
-from maglev_design.report.plots.style import STYLE
+from maglev_design.reporting.plots.design import error, landscape
+from maglev_design.reporting.plots.response import response_figure
+from maglev_design.reporting.plots.style import STYLE
 from maglev_design.rig import parse_rig
-from maglev_design.simulate import Scenario, loop_for, nominal_scenario, simulate, simulate_batch
-from maglev_design.tune import Status, build_problem, judge, solve
+from maglev_design.simulation import Scenario, loop_for, nominal_scenario, simulate, simulate_batch
+from maglev_design.tuning import Status, build_problem, judge, solve
 
 plt.rcParams.update(STYLE)
 set_matplotlib_formats("svg")

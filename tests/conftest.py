@@ -12,7 +12,7 @@ from exported import judged
 from hypothesis import HealthCheck, settings
 from rigs import OFFSET, SHORT, rig_with
 
-from maglev_design.design import PoleSpec
+from maglev_design.controller.design import PoleSpec
 from maglev_design.paper.survey import Row, survey
 from maglev_design.record import DesignRecord
 from maglev_design.rig import Rig, load_rig

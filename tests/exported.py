@@ -13,13 +13,13 @@ import pytest
 from recorded import recorded
 from rigs import SHORT, rig_with
 
-from maglev_design.design import PoleSpec
+from maglev_design.controller.design import PoleSpec
 from maglev_design.options import Equilibrium
 from maglev_design.record import DesignRecord
-from maglev_design.simulate import nominal_scenario, resimulate
-from maglev_design.tune import Status, TuneResult, build_problem
-from maglev_design.tune.evaluation import design_at
-from maglev_design.tune.figures import Verification, judge
+from maglev_design.simulation import nominal_scenario, resimulate
+from maglev_design.tuning import Status, TuneResult, build_problem
+from maglev_design.tuning.evaluation import design_at
+from maglev_design.tuning.figures import Verification, judge
 
 HOSTILE = "rig */ ??/ \"q\" 's' \\\n% #{U+} {{ x }} {% y %} \u2028 \u00e9 \U0001f9f2"
 WARNINGS = [

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from maglev_design.certify.lyapunov.lmi import certify_family
-from maglev_design.certify.margins import sampled_margins
+from maglev_design.certification.lyapunov.lmi import certify_family
+from maglev_design.certification.margins import sampled_margins
 from maglev_design.record import DesignRecord, make_record
-from maglev_design.tune import TradeOff, TuneResult
+from maglev_design.tuning import TradeOff, TuneResult
 
 
 def recorded(result: TuneResult, trade_off: TradeOff | None = None) -> DesignRecord:

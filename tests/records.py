@@ -8,13 +8,13 @@ from typing import Any
 from recorded import recorded
 from rigs import SHORT, rig_with
 
-from maglev_design.design import Design, PoleSpec, make_design
-from maglev_design.design_data import design_as_data
+from maglev_design.controller.data import design_as_data
+from maglev_design.controller.design import Design, PoleSpec, make_design
 from maglev_design.options import SCHEMA_VERSION, Equilibrium, Method
 from maglev_design.record import KIND, RECORD_VERSION, DesignRecord, rig_as_data
 from maglev_design.rig import Rig
-from maglev_design.tune import TuneResult, build_problem, solve, trade_off
-from maglev_design.tune.document import difference_equation
+from maglev_design.tuning import TuneResult, build_problem, solve, trade_off
+from maglev_design.tuning.document import difference_equation
 
 HOSTILE = (
     "</script><b>\\input{x} \"q\" 's' `t` $\\frac{ %d {0} \n {{ x }} <<< y >>> <% z %> | & ~ ^ # _ "

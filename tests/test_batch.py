@@ -13,10 +13,10 @@ from byhand import LAWS
 from numpy.typing import NDArray
 from rigs import MINIMAL, OFFSET, SHORT, rig_with
 
-from maglev_design.design import Design, PoleSpec, make_design, plant_beta
+from maglev_design.controller.design import Design, PoleSpec, make_design, plant_beta
 from maglev_design.options import METHODS, Method
 from maglev_design.rig import Rig
-from maglev_design.simulate import (
+from maglev_design.simulation import (
     LoopGraph,
     Scenario,
     Sensitivities,
@@ -34,8 +34,8 @@ from maglev_design.simulate import (
     simulate_batch,
     total_variation,
 )
-from maglev_design.simulate.batch import first_noise, summaries
-from maglev_design.simulate.scenario import parameter_vector, start_state
+from maglev_design.simulation.batch import first_noise, summaries
+from maglev_design.simulation.scenario import parameter_vector, start_state
 
 AGREE = 1e-10
 """Relative: what the package states for its two back ends."""

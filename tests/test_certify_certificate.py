@@ -12,11 +12,11 @@ from typing import Any
 
 import pytest
 
-from maglev_design.certify.lyapunov.certificate import check, document, write
-from maglev_design.certify.lyapunov.enclosure import enclose
-from maglev_design.certify.lyapunov.fields import LONGEST_NUMBER
-from maglev_design.certify.lyapunov.lmi import LmiCertificate, certify_family
-from maglev_design.design import PoleSpec, make_design
+from maglev_design.certification.lyapunov.certificate import check, document, write
+from maglev_design.certification.lyapunov.enclosure import enclose
+from maglev_design.certification.lyapunov.fields import LONGEST_NUMBER
+from maglev_design.certification.lyapunov.lmi import LmiCertificate, certify_family
+from maglev_design.controller.design import PoleSpec, make_design
 from maglev_design.errors import InputError
 from maglev_design.files import digest
 from maglev_design.rig import load_rig
@@ -115,7 +115,7 @@ def test_the_checker_needs_neither_solver_nor_casadi(
 ) -> None:
     path = saved(tmp_path / "certificate.json", written)
     code = (
-        "import sys, pathlib; from maglev_design.certify.lyapunov.certificate import check;"
+        "import sys, pathlib; from maglev_design.certification.lyapunov.certificate import check;"
         "result = check(pathlib.Path(sys.argv[1]));"
         "print(result.passed, {'cvxpy', 'casadi', 'scipy', 'clarabel', 'scs'} & set(sys.modules))"
     )

@@ -12,9 +12,9 @@ import sympy as sp
 from mpmath import mp
 from rigs import OFFSET, SHORT, rig_with
 
-from maglev_design.certify.lyapunov import enclosure
-from maglev_design.certify.lyapunov.enclosure import Series, control_points, enclose, root
-from maglev_design.certify.lyapunov.family import (
+from maglev_design.certification.lyapunov import enclosure
+from maglev_design.certification.lyapunov.enclosure import Series, control_points, enclose, root
+from maglev_design.certification.lyapunov.family import (
     CertificateClaim,
     ExactSubject,
     LoopName,
@@ -23,7 +23,7 @@ from maglev_design.certify.lyapunov.family import (
     scaling,
     subject,
 )
-from maglev_design.design import PoleSpec, make_design
+from maglev_design.controller.design import PoleSpec, make_design
 from maglev_design.errors import InputError
 from maglev_design.options import TAN_GPI, Method
 from maglev_design.programs import derived

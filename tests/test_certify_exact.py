@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from maglev_design.certify.lyapunov.exact import (
+from maglev_design.certification.lyapunov.exact import (
     TAU,
     Matrix,
     continuous_slack,

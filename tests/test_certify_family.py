@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 from rigs import MINIMAL, rig_with
 
-from maglev_design.certify.lyapunov.family import ExactSubject, claim, state_names, subject
-from maglev_design.certify.rationals import decimal
-from maglev_design.design import PoleSpec, make_design
+from maglev_design.certification.lyapunov.family import ExactSubject, claim, state_names, subject
+from maglev_design.certification.rationals import decimal
+from maglev_design.controller.design import PoleSpec, make_design
 from maglev_design.errors import InputError
 from maglev_design.options import EQUILIBRIA, Controller
 from maglev_design.rig import Rig, load_rig

@@ -8,14 +8,25 @@ import numpy as np
 import pytest
 from rigs import MINIMAL, OFFSET, rig_with
 
-from maglev_design.certify.intervals.algebraic import positive_roots, squared, x
-from maglev_design.certify.intervals.interval import exact_loop, gaps_at, ratios_at, ratios_over
-from maglev_design.certify.intervals.routh import hurwitz_determinant, is_hurwitz
-from maglev_design.certify.intervals.spans import ZERO, End, StableSet, unite
-from maglev_design.design import Design, PoleSpec, make_design, plant_beta, true_equilibrium
+from maglev_design.certification.intervals.algebraic import positive_roots, squared, x
+from maglev_design.certification.intervals.interval import (
+    exact_loop,
+    gaps_at,
+    ratios_at,
+    ratios_over,
+)
+from maglev_design.certification.intervals.routh import hurwitz_determinant, is_hurwitz
+from maglev_design.certification.intervals.spans import ZERO, End, StableSet, unite
+from maglev_design.controller.design import (
+    Design,
+    PoleSpec,
+    make_design,
+    plant_beta,
+    true_equilibrium,
+)
 from maglev_design.options import EQUILIBRIA, Controller, Equilibrium
 from maglev_design.rig import Rig, load_rig, preset_names
-from maglev_design.simulate import Scenario, loop_for, simulate
+from maglev_design.simulation import Scenario, loop_for, simulate
 
 PAPER, POLES = load_rig("belmonte2021"), PoleSpec.double(1, 70)
 UNEQUAL = PoleSpec((1.1, 63.7), (0.55, 120.3))

@@ -11,16 +11,23 @@ from numpy.typing import NDArray
 from rigs import SHORT, rig_with
 from scipy.linalg import expm
 
-from maglev_design.certify.lyapunov import lmi
-from maglev_design.certify.lyapunov.family import scaling, subject
-from maglev_design.certify.lyapunov.lmi import (
+from maglev_design.certification.lyapunov import lmi
+from maglev_design.certification.lyapunov.family import scaling, subject
+from maglev_design.certification.lyapunov.lmi import (
     LmiCertificate,
     LmiStatus,
     certify_family,
     certify_sampled,
     widest_sampled,
 )
-from maglev_design.design import Design, PoleSpec, make_design, plant_beta, timing, true_equilibrium
+from maglev_design.controller.design import (
+    Design,
+    PoleSpec,
+    make_design,
+    plant_beta,
+    timing,
+    true_equilibrium,
+)
 from maglev_design.errors import InputError
 from maglev_design.options import Method
 from maglev_design.rig import Rig, load_rig

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from rigs import SHORT, rig_with
 
 from maglev_design import linear_loop as loops
-from maglev_design.certify.margins import Margin, Margins, sampled_margins
-from maglev_design.design import believed_equilibrium
-from maglev_design.family import family_of
+from maglev_design.certification.margins import Margin, Margins, sampled_margins
+from maglev_design.controller.design import believed_equilibrium
+from maglev_design.controller.family import family_of
 from maglev_design.linear_loop import Loop, build_loop
 from maglev_design.options import METHODS, Method
 from maglev_design.rig import Rig

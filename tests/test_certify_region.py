@@ -16,11 +16,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from rigs import MINIMAL, OFFSET, rig_with
 
-from maglev_design.certify.intervals.arithmetic import exact
-from maglev_design.certify.region.cells import FROZEN, RUNNING, Cell, enclose, modes
-from maglev_design.certify.region.guaranteed import Region, RegionStatus, guaranteed_region
-from maglev_design.certify.region.model import Deviation, deviation, force_program, share, x
-from maglev_design.certify.region.proof import (
+from maglev_design.certification.intervals.arithmetic import exact
+from maglev_design.certification.region.cells import FROZEN, RUNNING, Cell, enclose, modes
+from maglev_design.certification.region.guaranteed import Region, RegionStatus, guaranteed_region
+from maglev_design.certification.region.model import Deviation, deviation, force_program, share, x
+from maglev_design.certification.region.proof import (
     MULTIPLIERS,
     Plane,
     RegionVerdict,
@@ -28,19 +28,19 @@ from maglev_design.certify.region.proof import (
     positive_definite,
     upper_form,
 )
-from maglev_design.certify.region.simulated import (
+from maglev_design.certification.region.simulated import (
     RegionMap,
     contradictions,
     region_curves,
     region_extent,
     simulated_map,
 )
-from maglev_design.design import Design, PoleSpec, make_design, plant_beta
+from maglev_design.controller.design import Design, PoleSpec, make_design, plant_beta
 from maglev_design.errors import InputError
 from maglev_design.options import Controller
 from maglev_design.programs import acceleration_program, continuous_program
-from maglev_design.report.plots.region import region_figure
-from maglev_design.report.plots.style import house_style, save_figure
+from maglev_design.reporting.plots.region import region_figure
+from maglev_design.reporting.plots.style import house_style, save_figure
 from maglev_design.rig import Rig, load_rig
 
 Array = NDArray[np.float64]

@@ -10,21 +10,21 @@ from flint import arb, arb_series
 from rigs import OFFSET, SHORT, rig_with
 
 from maglev_design import linear_loop as loops
-from maglev_design.certify.intervals import sampled_limits
-from maglev_design.certify.intervals.arithmetic import OPERATORS, between, number, working
-from maglev_design.certify.intervals.jets import coefficients, variable, widened
-from maglev_design.certify.intervals.positivity import positive
-from maglev_design.certify.intervals.sampled import Setting, enclose, setting, timing
-from maglev_design.certify.intervals.sampled_interval import sampled_ratios_at
-from maglev_design.certify.intervals.sampled_limits import (
+from maglev_design.certification.intervals import sampled_limits
+from maglev_design.certification.intervals.arithmetic import OPERATORS, between, number, working
+from maglev_design.certification.intervals.jets import coefficients, variable, widened
+from maglev_design.certification.intervals.positivity import positive
+from maglev_design.certification.intervals.sampled import Setting, enclose, setting, timing
+from maglev_design.certification.intervals.sampled_interval import sampled_ratios_at
+from maglev_design.certification.intervals.sampled_limits import (
     LimitStatus,
     largest_delay,
     largest_period,
 )
-from maglev_design.certify.intervals.sampled_path import proved_over, sampled_ratios_over
-from maglev_design.certify.rationals import decimal
-from maglev_design.design import Design, PoleSpec, believed_equilibrium, make_design
-from maglev_design.family import Family, family_of
+from maglev_design.certification.intervals.sampled_path import proved_over, sampled_ratios_over
+from maglev_design.certification.rationals import decimal
+from maglev_design.controller.design import Design, PoleSpec, believed_equilibrium, make_design
+from maglev_design.controller.family import Family, family_of
 from maglev_design.options import CONTROLLERS, EQUILIBRIA, METHODS, Controller, Equilibrium, Method
 from maglev_design.rig import Rig, load_rig
 

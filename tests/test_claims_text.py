@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from maglev_design.report import claims_text, comparison_text
+from maglev_design.reporting import claims_text, comparison_text
 
 HOSTILE = "a | b `c` <script>alert(1)</script> \\input{x} $x$ **bold** [l](u)"
 

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from maglev_design.cli import app, certify_tables, certify_verb
 from maglev_design.cli.commands.certify import CertifyOptions
-from maglev_design.design import Design, PoleSpec, make_design
+from maglev_design.controller.design import Design, PoleSpec, make_design
 from maglev_design.errors import InputError
 from maglev_design.files import finite
 from maglev_design.options import EQUILIBRIA, SCHEMA_VERSION

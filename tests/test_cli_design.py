@@ -17,17 +17,17 @@ from typer.testing import CliRunner
 
 from maglev_design import record
 from maglev_design.cli import app
-from maglev_design.design import PoleSpec, believed_equilibrium, make_design
+from maglev_design.controller.design import PoleSpec, believed_equilibrium, make_design
 from maglev_design.errors import InfeasibleError, InputError
-from maglev_design.export.controller import controller_of, doubts
-from maglev_design.export.printing import printed
+from maglev_design.exporting.controller import controller_of, doubts
+from maglev_design.exporting.printing import printed
 from maglev_design.options import Controller
 from maglev_design.programs import gains_program
 from maglev_design.rig import load_rig
 from maglev_design.symbolic import laws
 from maglev_design.symbolic import plant as p
-from maglev_design.tune import build_problem, judge
-from maglev_design.tune.placed import gains_of, judged, parse_gains, placed_by
+from maglev_design.tuning import build_problem, judge
+from maglev_design.tuning.placed import gains_of, judged, parse_gains, placed_by
 
 PID = Controller("lin-pid")
 RIG = """

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from maglev_design.cli import app
 from maglev_design.files import MARK
 from maglev_design.record import save
-from maglev_design.report.pdf_form import tool
+from maglev_design.reporting.pdf_form import tool
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def test_pdf_without_a_tool_names_the_tool(
     design: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("shutil.which", lambda _name: None)
-    monkeypatch.setattr("maglev_design.report.pdf_form.find_spec", lambda _name: None)
+    monkeypatch.setattr("maglev_design.reporting.pdf_form.find_spec", lambda _name: None)
     out = str(tmp_path / "out")
     assert "texlive-latex-base" in refused("report", str(design), "--format", "pdf", "-o", out)
     done = CliRunner().invoke(app, ["report", str(design), "-o", out])

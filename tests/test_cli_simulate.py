@@ -16,13 +16,13 @@ from typer.testing import CliRunner
 from maglev_design.cli import app
 from maglev_design.cli.commands.simulate import SimulateOptions
 from maglev_design.cli.simulate_setup import SimulationSetup, set_up
-from maglev_design.design import Design, PoleSpec, make_design, plant_beta
+from maglev_design.controller.design import Design, PoleSpec, make_design, plant_beta
 from maglev_design.errors import InputError
 from maglev_design.files import finite
 from maglev_design.options import Equilibrium
 from maglev_design.record import document_bytes
 from maglev_design.rig import Rig
-from maglev_design.simulate import loop_for, simulate
+from maglev_design.simulation import loop_for, simulate
 
 EMULATED = {"emulator.period": 0.002, "emulator.sensor_step": 1e-6, "emulator.delay": 0.0005}
 VOLTAGE = 2.2

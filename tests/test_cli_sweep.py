@@ -19,15 +19,15 @@ from rigs import SHORT, rig_with
 from typer.testing import CliRunner
 
 from maglev_design import record
-from maglev_design import sweep as sweeps
+from maglev_design import sweeping as sweeps
 from maglev_design.cli import app, sweep_verb
 from maglev_design.cli.commands.sweep import SweepOptions
 from maglev_design.cli.replay import replayed
-from maglev_design.design import PoleSpec, make_design
+from maglev_design.controller.design import PoleSpec, make_design
 from maglev_design.errors import InputError
 from maglev_design.files import finite
 from maglev_design.rig import Rig, load_rig
-from maglev_design.sweep import executors
+from maglev_design.sweeping import executors
 
 SLOW = 240
 """[s] A start costs seconds, more on a busy machine."""

@@ -9,7 +9,7 @@ import pytest
 import sympy as sp
 from rigs import OFFSET, SHORT, rig_with
 
-from maglev_design.design import (
+from maglev_design.controller.design import (
     PoleSpec,
     believed_equilibrium,
     make_design,

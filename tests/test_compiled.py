@@ -23,10 +23,10 @@ from byhand import LAWS, SOME
 from numpy.typing import NDArray
 from rigs import SHORT, rig_with
 
-from maglev_design.design import Design, PoleSpec, make_design, plant_beta
+from maglev_design.controller.design import Design, PoleSpec, make_design, plant_beta
 from maglev_design.options import METHODS
 from maglev_design.rig import Rig
-from maglev_design.simulate import (
+from maglev_design.simulation import (
     Scenario,
     build,
     compiled,
@@ -35,9 +35,9 @@ from maglev_design.simulate import (
     printing,
     simulate_batch,
 )
-from maglev_design.simulate import batch as batches
-from maglev_design.simulate.noise import LARGEST_SEED, standard_normals
-from maglev_design.simulate.stepping import step_function
+from maglev_design.simulation import batch as batches
+from maglev_design.simulation.noise import LARGEST_SEED, standard_normals
+from maglev_design.simulation.stepping import step_function
 
 Array = NDArray[np.float64]
 
@@ -195,7 +195,7 @@ def test_a_compiler_of_another_version_compiles_again(cc: Compiler, tmp_path: Pa
 RACER = """
 import sys, time
 from pathlib import Path
-from maglev_design.simulate import compiled
+from maglev_design.simulation import compiled
 
 gate, text = Path(sys.argv[1]), Path(sys.argv[2]).read_text()
 compiled._machine()
@@ -364,7 +364,7 @@ def test_a_process_without_a_compiler_reports_and_goes_on(tmp_path: Path) -> Non
 
 
 def resource(name: str) -> str:
-    return (resources.files("maglev_design.simulate") / name).read_text("utf-8")
+    return (resources.files("maglev_design.simulation") / name).read_text("utf-8")
 
 
 def library_of(text: str, folder: Path) -> Any:

@@ -12,7 +12,7 @@ import pytest
 
 from maglev_design.derivation import NOTATION, Equation, derivation
 from maglev_design.errors import InputError
-from maglev_design.report.derivation_text import TEXT_WIDTH, equation_latex, records, render
+from maglev_design.reporting.derivation_text import TEXT_WIDTH, equation_latex, records, render
 
 FORMATS = ("text", "markdown", "latex")
 OVERFULL = 1.0

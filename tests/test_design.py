@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from rigs import MINIMAL, OFFSET, SHORT, rig_with
 from scipy.signal import cont2discrete
 
-from maglev_design import design as designs
-from maglev_design.design import PoleSpec
+from maglev_design.controller import design as designs
+from maglev_design.controller.design import PoleSpec
 from maglev_design.errors import InputError
 from maglev_design.options import EQUILIBRIA, METHODS, Equilibrium, Method
 from maglev_design.programs import gains_program, slope_program

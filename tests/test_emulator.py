@@ -11,11 +11,18 @@ from numpy.typing import NDArray
 from rigs import OFFSET, SHORT, rig_with
 from scipy.integrate import solve_ivp
 
-from maglev_design.design import Design, PoleSpec, make_design, plant_beta, reference_path, timing
+from maglev_design.controller.design import (
+    Design,
+    PoleSpec,
+    make_design,
+    plant_beta,
+    reference_path,
+    timing,
+)
 from maglev_design.errors import InputError
 from maglev_design.programs import law, step_program
 from maglev_design.rig import Rig, load_rig
-from maglev_design.simulate import (
+from maglev_design.simulation import (
     Response,
     Scenario,
     emulated,
@@ -25,8 +32,8 @@ from maglev_design.simulate import (
     stated_errors,
     stepping,
 )
-from maglev_design.simulate.grid import COIL
-from maglev_design.simulate.scenario import parameter_vector, start_state
+from maglev_design.simulation.grid import COIL
+from maglev_design.simulation.scenario import parameter_vector, start_state
 from maglev_design.symbolic.sampling import signals
 
 Array = NDArray[np.float64]

@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 from rigs import SHORT, rig_with
 
-from maglev_design.design import PoleSpec, make_design, plant_beta
+from maglev_design.controller.design import PoleSpec, make_design, plant_beta
 from maglev_design.errors import InputError
 from maglev_design.options import Controller
-from maglev_design.simulate import (
+from maglev_design.simulation import (
     Scenario,
     build,
     loop_for,

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from exported import EXACT, compiled, needs, run
 
-from maglev_design.design import reference_path
-from maglev_design.export import export_folder
-from maglev_design.export.misra import DEVIATIONS
-from maglev_design.export.native import load_library
+from maglev_design.controller.design import reference_path
+from maglev_design.exporting import export_folder
+from maglev_design.exporting.misra import DEVIATIONS
+from maglev_design.exporting.native import load_library
 from maglev_design.record import DesignRecord
 
 COMPILERS = ("gcc", "clang")

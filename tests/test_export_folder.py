@@ -10,9 +10,9 @@ import pytest
 from exported import HOSTILE, with_document
 
 from maglev_design.errors import InputError
-from maglev_design.export import export_folder
-from maglev_design.export.controller import doubts
-from maglev_design.export.printing import TEMPLATES
+from maglev_design.exporting import export_folder
+from maglev_design.exporting.controller import doubts
+from maglev_design.exporting.printing import TEMPLATES
 from maglev_design.files import MARK
 from maglev_design.options import Target
 from maglev_design.record import DesignRecord, load

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from exported import needs, run
 
-from maglev_design.export import export_folder
+from maglev_design.exporting import export_folder
 from maglev_design.record import DesignRecord
 
 

@@ -16,17 +16,17 @@ from rigs import SHORT, rig_with
 from maglev_design import linear_loop as loops
 from maglev_design.cli.commands.verify import VerifyOptions
 from maglev_design.cli.verify_verb import verify
-from maglev_design.design import PoleSpec, make_design
-from maglev_design.design_data import design_as_data
+from maglev_design.controller.data import design_as_data
+from maglev_design.controller.design import PoleSpec, make_design
 from maglev_design.errors import InputError
-from maglev_design.export import Verdict, export_folder, verify_folder
-from maglev_design.export.controller import controller_of, doubts, emulated_at_own_period
-from maglev_design.export.emulation import emulated_run
-from maglev_design.export.promises import PromiseSubject, certificate
-from maglev_design.export.vectors import Recorder
+from maglev_design.exporting import Verdict, export_folder, verify_folder
+from maglev_design.exporting.controller import controller_of, doubts, emulated_at_own_period
+from maglev_design.exporting.emulation import emulated_run
+from maglev_design.exporting.promises import PromiseSubject, certificate
+from maglev_design.exporting.vectors import Recorder
 from maglev_design.record import DesignRecord
-from maglev_design.simulate import loop_for, nominal_scenario, simulate
-from maglev_design.tune.document import difference_equation
+from maglev_design.simulation import loop_for, nominal_scenario, simulate
+from maglev_design.tuning.document import difference_equation
 
 COIL = {"emulator.resistance": 10.0, "emulator.inductance": 0.3}
 """A coil of 30 ms, under which no design without it holds the ball."""

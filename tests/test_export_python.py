@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from exported import run
 
-from maglev_design.design import plant_beta, reference_path
-from maglev_design.export import export_folder
+from maglev_design.controller.design import plant_beta, reference_path
+from maglev_design.exporting import export_folder
 from maglev_design.record import DesignRecord
-from maglev_design.simulate import loop_for, nominal_scenario, simulate
+from maglev_design.simulation import loop_for, nominal_scenario, simulate
 
 SAME_GAP, SAME_VOLTAGE = 1e-9, 1e-5
 """[m, V] Two Runge-Kutta steps a period against one; the law's gain is some 1e4 V/m."""

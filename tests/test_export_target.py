@@ -12,12 +12,12 @@ import pytest
 from exported import needs, run
 
 from maglev_design.errors import VerificationError
-from maglev_design.export import cortex, cross, replayed
-from maglev_design.export.controller import ExportedController, controller_of
-from maglev_design.export.folder import files_of
-from maglev_design.export.native import CORTEX_M4
-from maglev_design.export.replayed import KINDS, PRECISIONS, Rows
-from maglev_design.export.verdict import Check
+from maglev_design.exporting import cortex, cross, replayed
+from maglev_design.exporting.controller import ExportedController, controller_of
+from maglev_design.exporting.folder import files_of
+from maglev_design.exporting.native import CORTEX_M4
+from maglev_design.exporting.replayed import KINDS, PRECISIONS, Rows
+from maglev_design.exporting.verdict import Check
 from maglev_design.record import DesignRecord
 
 HEAD = "Cortex-M4, {}: "

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from maglev_design.errors import InputError
-from maglev_design.export.text import LONGEST_NAME, checked_prefix, plain, wrapped
+from maglev_design.exporting.text import LONGEST_NAME, checked_prefix, plain, wrapped
 
 HARMLESS = set("ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789 .,:;()+=_-{}")
 

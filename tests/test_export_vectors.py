@@ -8,13 +8,13 @@ from types import MappingProxyType
 import pytest
 from rigs import SHORT, rig_with
 
-from maglev_design.design import plant_beta
+from maglev_design.controller.design import plant_beta
 from maglev_design.errors import InputError, VerificationError
-from maglev_design.export.controller import ExportedController, controller_of
-from maglev_design.export.vectors import HELD, OK, TRIPPED, record_vectors, short_path
+from maglev_design.exporting.controller import ExportedController, controller_of
+from maglev_design.exporting.vectors import HELD, OK, TRIPPED, record_vectors, short_path
 from maglev_design.record import DesignRecord
 from maglev_design.rig import Rig
-from maglev_design.simulate import loop_for, nominal_scenario, simulate
+from maglev_design.simulation import loop_for, nominal_scenario, simulate
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import sympy as sp
 
 from maglev_design.derivation import NOTATION, derivation
 from maglev_design.derivation import terms as d
-from maglev_design.report.formulas import ORDERS, latex, ordered_terms
+from maglev_design.reporting.formulas import ORDERS, latex, ordered_terms
 from maglev_design.symbolic import plant as p
 
 NAMES = {entry.symbol: entry.latex for entry in NOTATION}

@@ -17,15 +17,15 @@ from scipy.optimize import brentq
 from scipy.signal import cont2discrete, tf2ss
 
 from maglev_design import linear_loop as loops
-from maglev_design.design import PoleSpec, believed_equilibrium, make_design, plant_beta
+from maglev_design.controller.design import PoleSpec, believed_equilibrium, make_design, plant_beta
+from maglev_design.controller.family import Family, family_of
 from maglev_design.errors import InputError
-from maglev_design.family import Family, family_of
 from maglev_design.linear_loop import Loop, build_loop
 from maglev_design.options import EQUILIBRIA, METHODS, TAN_GPI, Controller, Equilibrium, Method
 from maglev_design.rig import Rig
-from maglev_design.simulate import Scenario, loop_for
-from maglev_design.simulate.scenario import parameter_vector
-from maglev_design.simulate.stepping import run
+from maglev_design.simulation import Scenario, loop_for
+from maglev_design.simulation.scenario import parameter_vector
+from maglev_design.simulation.stepping import run
 
 Array = NDArray[np.float64]
 

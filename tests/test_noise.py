@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from maglev_design.simulate import noise
-from maglev_design.simulate.noise import pcg4d, standard_normals
+from maglev_design.simulation import noise
+from maglev_design.simulation.noise import pcg4d, standard_normals
 
 STEPS = 100_000
 SEEDS = (0, 1, 2, 12345, 2**31, noise.LARGEST_SEED)

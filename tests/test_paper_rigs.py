@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from maglev_design import design
+from maglev_design.controller import design
 from maglev_design.paper.rigs import random_poles, random_rigs
 
 MANY = 200

@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.signal import TransferFunction, cont2discrete, lsim, residue
 
-from maglev_design import design
+from maglev_design.controller import design
 from maglev_design.derivation import terms as d
 from maglev_design.options import EQUILIBRIA, Equilibrium, Method
 from maglev_design.paper import (

@@ -13,13 +13,13 @@ from matplotlib.text import Text
 from recorded import recorded
 from rigs import SHORT, rig_with
 
-from maglev_design.design import PoleSpec
+from maglev_design.controller.design import PoleSpec
 from maglev_design.errors import InputError
 from maglev_design.record import DesignRecord
-from maglev_design.report.plots import design as plots
-from maglev_design.report.plots.response import response_figure
-from maglev_design.report.plots.style import house_style, save_figure
-from maglev_design.tune import TuneResult, build_problem, solve
+from maglev_design.reporting.plots import design as plots
+from maglev_design.reporting.plots.response import response_figure
+from maglev_design.reporting.plots.style import house_style, save_figure
+from maglev_design.tuning import TuneResult, build_problem, solve
 
 UNIT = re.compile(r"\[(mm|µm|m s²|m s|m² s|s|V|rad/s|-)\]$")
 DRAWINGS = ("tracking", "error", "voltage", "landscape")

@@ -7,8 +7,8 @@ import re
 import pytest
 
 from maglev_design.derivation import NOTATION, derivation
-from maglev_design.report.content import Maths
-from maglev_design.report.prose import formula, latex, markdown, plain, runs
+from maglev_design.reporting.content import Maths
+from maglev_design.reporting.prose import formula, latex, markdown, plain, runs
 from maglev_design.rig import fields
 
 SPELLED = re.compile(r"[A-Za-z]+\d*(_[A-Za-z0-9]+)*\*?(\(s\))?")

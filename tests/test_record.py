@@ -12,7 +12,7 @@ import pytest
 from recorded import recorded
 from rigs import SHORT, rig_with
 
-from maglev_design.design import PoleSpec
+from maglev_design.controller.design import PoleSpec
 from maglev_design.errors import InputError
 from maglev_design.files import digest, finite
 from maglev_design.record import (
@@ -23,7 +23,7 @@ from maglev_design.record import (
     rig_from_data,
     save,
 )
-from maglev_design.tune import TuneResult, build_problem, solve
+from maglev_design.tuning import TuneResult, build_problem, solve
 
 HOSTILE = "</script><b>\\input{x} \"q\" 's' `t` $\\frac{ %d {0} \n {{ x }} \u2028 🧲"
 CHANGES = {

@@ -14,11 +14,11 @@ from rigs import SHORT, rig_with
 
 from maglev_design.options import DEFAULT_PRESET
 from maglev_design.record import DesignRecord, rig_as_data
-from maglev_design.report.chapter_emulated import emulated_chapter
-from maglev_design.report.chapters_result import summary_chapter, worst_chapter
-from maglev_design.report.chapters_theory import routh_chapter
-from maglev_design.report.commands import design_command, rig_toml
-from maglev_design.report.content import (
+from maglev_design.reporting.chapter_emulated import emulated_chapter
+from maglev_design.reporting.chapters_result import summary_chapter, worst_chapter
+from maglev_design.reporting.chapters_theory import routh_chapter
+from maglev_design.reporting.commands import design_command, rig_toml
+from maglev_design.reporting.content import (
     Figure,
     Formula,
     Quantity,
@@ -26,9 +26,9 @@ from maglev_design.report.content import (
     ReportSection,
     Table,
 )
-from maglev_design.report.derivation_steps import _read, derivation_steps
-from maglev_design.report.escape import latex_text, markdown_code, markdown_text, one_line
-from maglev_design.report.words import number_latex, number_text, unit_latex, unit_text
+from maglev_design.reporting.derivation_steps import _read, derivation_steps
+from maglev_design.reporting.escape import latex_text, markdown_code, markdown_text, one_line
+from maglev_design.reporting.words import number_latex, number_text, unit_latex, unit_text
 from maglev_design.rig import load_rig, make_rig
 
 

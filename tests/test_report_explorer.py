@@ -13,18 +13,18 @@ from browser import dom, node, screenshot
 from records import chosen, tuned
 from rigs import OFFSET, SHORT, rig_with
 
-from maglev_design.design import PoleSpec, believed_equilibrium, make_design
-from maglev_design.family import Family
+from maglev_design.controller.design import PoleSpec, believed_equilibrium, make_design
+from maglev_design.controller.family import Family
 from maglev_design.files import finite
 from maglev_design.linear_loop import build_loop, peak_sensitivity
 from maglev_design.options import Equilibrium, Method
 from maglev_design.record import DesignRecord
-from maglev_design.report.explorer import explorer_data, javascript, programs_of
-from maglev_design.report.templates import text_of
-from maglev_design.report.write import write_report
+from maglev_design.reporting.explorer import explorer_data, javascript, programs_of
+from maglev_design.reporting.templates import text_of
+from maglev_design.reporting.write import write_report
 from maglev_design.rig import Rig
-from maglev_design.simulate import Response, Scenario, simulate
-from maglev_design.simulate.response import loop_for
+from maglev_design.simulation import Response, Scenario, simulate
+from maglev_design.simulation.response import loop_for
 
 SAME = 1e-9
 """The page adds up the reference's instants and the metrics in another order; e is a difference."""

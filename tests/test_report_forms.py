@@ -13,12 +13,12 @@ import pytest
 from records import HOSTILE, renamed, tuned
 
 from maglev_design.record import DesignRecord
-from maglev_design.report.content import Report
-from maglev_design.report.html_form import html
-from maglev_design.report.latex_form import latex
-from maglev_design.report.markdown_form import markdown
-from maglev_design.report.words import number_text
-from maglev_design.report.write import pictures, report_of, write_report
+from maglev_design.reporting.content import Report
+from maglev_design.reporting.html_form import html
+from maglev_design.reporting.latex_form import latex
+from maglev_design.reporting.markdown_form import markdown
+from maglev_design.reporting.words import number_text
+from maglev_design.reporting.write import pictures, report_of, write_report
 
 OVERFULL = 0.5
 """Points; what sticks out less is not seen."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rigs import MINIMAL, OFFSET, SHORT, rig_with
 from scipy.integrate import solve_ivp
 
-from maglev_design.design import (
+from maglev_design.controller.design import (
     Design,
     PoleSpec,
     make_design,
@@ -26,7 +26,7 @@ from maglev_design.design import (
 )
 from maglev_design.options import EQUILIBRIA, METHODS, Controller, Equilibrium, Method
 from maglev_design.rig import Rig
-from maglev_design.simulate import (
+from maglev_design.simulation import (
     Crash,
     LoopGraph,
     Response,
@@ -39,8 +39,8 @@ from maglev_design.simulate import (
     simulate,
     stated_errors,
 )
-from maglev_design.simulate.grid import contact_gap
-from maglev_design.simulate.noise import POSITION_CHANNEL, standard_normals
+from maglev_design.simulation.grid import contact_gap
+from maglev_design.simulation.noise import POSITION_CHANNEL, standard_normals
 
 FIGURES = ("ise", "iae", "itae")
 RIGS = {"paper": SHORT, "offset": OFFSET}

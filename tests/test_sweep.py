@@ -19,18 +19,25 @@ from rigs import OFFSET, SHORT, rig_with
 from scipy import stats
 from scipy.stats import qmc
 
-from maglev_design import sweep as sweeps
-from maglev_design.design import Design, PoleSpec, make_design, plant_beta
+from maglev_design import sweeping as sweeps
+from maglev_design.controller.design import Design, PoleSpec, make_design, plant_beta
 from maglev_design.errors import InputError
 from maglev_design.options import Controller, Equilibrium
 from maglev_design.rig import DRAWN, Rig, Spread
-from maglev_design.simulate import Scenario, Summary, compiled, loop_for, simulate, total_variation
-from maglev_design.sweep import draws, executors, result, scenarios
-from maglev_design.sweep.chunks import chunk_path
-from maglev_design.sweep.setup import MOST_SAMPLES, Setup
+from maglev_design.simulation import (
+    Scenario,
+    Summary,
+    compiled,
+    loop_for,
+    simulate,
+    total_variation,
+)
+from maglev_design.sweeping import draws, executors, result, scenarios
+from maglev_design.sweeping.chunks import chunk_path
+from maglev_design.sweeping.setup import MOST_SAMPLES, Setup
 
 BACKENDS_AGREE = 1e-10
-"""Relative: what :func:`maglev_design.simulate.simulate_batch` states."""
+"""Relative: what :func:`maglev_design.simulation.simulate_batch` states."""
 COMPILER = compiled.compiler() is not None
 needs_a_compiler = pytest.mark.skipif(not COMPILER, reason="needs a C compiler")
 

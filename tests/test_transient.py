@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from maglev_design.design import PoleSpec, make_design, plant_beta
+from maglev_design.controller.design import PoleSpec, make_design, plant_beta
 from maglev_design.rig import Rig
-from maglev_design.simulate import (
+from maglev_design.simulation import (
     Response,
     build,
     nominal_scenario,

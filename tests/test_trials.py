@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from rigs import SHORT, rig_with
 
-from maglev_design.design import (
+from maglev_design.controller.design import (
     PAPER_POLES,
     PoleSpec,
     believed_equilibrium,
     make_design,
     plant_beta,
 )
-from maglev_design.family import family_of
+from maglev_design.controller.family import family_of
 from maglev_design.linear_loop import build_loop, peak_sensitivity
 from maglev_design.options import TAN_GPI, Controller
 from maglev_design.paper.comparison import Comparison, compare, summarise
@@ -35,7 +35,7 @@ from maglev_design.paper.trials import (
     run_trial,
 )
 from maglev_design.rig import Rig, load_rig
-from maglev_design.simulate import Scenario, stated_errors
+from maglev_design.simulation import Scenario, stated_errors
 
 PAPER = PoleSpec.double(*PAPER_POLES)
 EMULATED = {"emulator": {"inductance": 0.01, "resistance": 20.0, "sensor_step": 1e-5}}

@@ -17,13 +17,13 @@ import reference
 from rigs import MINIMAL, changed, rig_with
 
 from maglev_design import linear_loop as loops
-from maglev_design.design import Design, PoleSpec, believed_equilibrium
+from maglev_design.controller.design import Design, PoleSpec, believed_equilibrium
 from maglev_design.errors import InputError
 from maglev_design.files import finite
 from maglev_design.linear_loop import build_loop
 from maglev_design.rig import Rig
-from maglev_design.simulate import loop_for, nominal_scenario, simulate
-from maglev_design.tune import (
+from maglev_design.simulation import loop_for, nominal_scenario, simulate
+from maglev_design.tuning import (
     Status,
     TuneResult,
     TuningProblem,
@@ -37,9 +37,9 @@ from maglev_design.tune import (
     solve_every_method,
     trade_off,
 )
-from maglev_design.tune.evaluation import coarse_slacks, design_at, linear_constraints, run, runs
-from maglev_design.tune.problem import CERTIFICATE, TuningCase
-from maglev_design.tune.result import Baseline, alternatives_of
+from maglev_design.tuning.evaluation import coarse_slacks, design_at, linear_constraints, run, runs
+from maglev_design.tuning.problem import CERTIFICATE, TuningCase
+from maglev_design.tuning.result import Baseline, alternatives_of
 
 GRID_BETTER = 2e-3
 """The local solver stops at 3e-6 of the objective; limits are kept with a margin."""

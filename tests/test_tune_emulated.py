@@ -12,13 +12,13 @@ from typer.testing import CliRunner
 
 from maglev_design.cli import app
 from maglev_design.cli.emulated_text import emulated_headline, emulated_warnings
-from maglev_design.design import PAPER_POLES, PoleSpec, make_design, plant_beta
+from maglev_design.controller.design import PAPER_POLES, PoleSpec, make_design, plant_beta
 from maglev_design.errors import InputError
 from maglev_design.record import load
 from maglev_design.rig import Rig, load_rig
-from maglev_design.simulate import at_own_period, emulated, loop_for, nominal_scenario, simulate
-from maglev_design.simulate.transient import total_variation
-from maglev_design.tune import (
+from maglev_design.simulation import at_own_period, emulated, loop_for, nominal_scenario, simulate
+from maglev_design.simulation.transient import total_variation
+from maglev_design.tuning import (
     Status,
     TuneResult,
     TuningProblem,
@@ -27,7 +27,7 @@ from maglev_design.tune import (
     emulated_row,
     solve,
 )
-from maglev_design.tune.emulated import (
+from maglev_design.tuning.emulated import (
     FIRST_JUDGING_SEED,
     JUDGING_SEEDS,
     ONE_MORE_SAMPLE,
@@ -36,7 +36,7 @@ from maglev_design.tune.emulated import (
     judging_seeds,
     sensitivity_peaks,
 )
-from maglev_design.tune.evaluation import design_at
+from maglev_design.tuning.evaluation import design_at
 
 EFFECTS: dict[str, Any] = {
     "inductance": 0.011,

@@ -10,18 +10,18 @@ from typing import Any
 import pytest
 from exported import needs
 
-from maglev_design.design import plant_beta
+from maglev_design.controller.design import plant_beta
 from maglev_design.errors import InputError
-from maglev_design.export import Verdict, export_folder, verify_folder
-from maglev_design.export.behaviour import longest_delay
-from maglev_design.export.classes import class_samples, single, wrong_answers
-from maglev_design.export.controller import ExportedController, controller_of
-from maglev_design.export.folder import manifest_digest, sha256
-from maglev_design.export.loops import ExportedRun, NewDevice, close, fault_cases, fly
-from maglev_design.export.printing import printed
-from maglev_design.export.vectors import Recorder
+from maglev_design.exporting import Verdict, export_folder, verify_folder
+from maglev_design.exporting.behaviour import longest_delay
+from maglev_design.exporting.classes import class_samples, single, wrong_answers
+from maglev_design.exporting.controller import ExportedController, controller_of
+from maglev_design.exporting.folder import manifest_digest, sha256
+from maglev_design.exporting.loops import ExportedRun, NewDevice, close, fault_cases, fly
+from maglev_design.exporting.printing import printed
+from maglev_design.exporting.vectors import Recorder
 from maglev_design.record import DesignRecord
-from maglev_design.simulate import nominal_scenario
+from maglev_design.simulation import nominal_scenario
 
 SAME_TRACK = 1e-9
 """[m] Runge-Kutta at half a period against DOP853, on a path of centimetres."""

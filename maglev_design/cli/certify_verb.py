@@ -24,9 +24,9 @@ def certify(options: CertifyOptions) -> None:
     if options.check is not None:
         check(options.check, options)
         return
-    from maglev_design.certify.assessment import assess  # noqa: PLC0415
-    from maglev_design.certify.region.guaranteed import RegionStatus, status_as_data  # noqa: PLC0415
-    from maglev_design.design import voltage_warning  # noqa: PLC0415
+    from maglev_design.certification.assessment import assess  # noqa: PLC0415
+    from maglev_design.certification.region.guaranteed import RegionStatus, status_as_data  # noqa: PLC0415
+    from maglev_design.controller.design import voltage_warning  # noqa: PLC0415
 
     own, beta_error = _subject(options)
     disagreement = voltage_warning(own.rig)
@@ -67,7 +67,7 @@ def check(path: Path, options: CertifyOptions) -> None:
 
     Exit code 4 when something in it does not hold, or when it is another controller's.
     """
-    from maglev_design.certify.lyapunov import certificate  # noqa: PLC0415
+    from maglev_design.certification.lyapunov import certificate  # noqa: PLC0415
     from maglev_design.record import load  # noqa: PLC0415
 
     own = ("design", "check", "output", "force", "json")
@@ -92,7 +92,7 @@ def check(path: Path, options: CertifyOptions) -> None:
 
 
 def _certificates(own: Any, beta_error: float | None, options: CertifyOptions) -> tuple[Any, ...]:
-    from maglev_design.certify.lyapunov.lmi import certify_family  # noqa: PLC0415
+    from maglev_design.certification.lyapunov.lmi import certify_family  # noqa: PLC0415
 
     error = None if beta_error is None else _decimal(beta_error)
     return certify_family(own.design, own.rig, beta_error=error, gap_range=options.gap_range)
@@ -123,8 +123,8 @@ class _Region:
 
 
 def _region(own: Any, progress: Any) -> _Region:
-    from maglev_design.certify.region import guaranteed, simulated  # noqa: PLC0415
-    from maglev_design.simulate import cores  # noqa: PLC0415
+    from maglev_design.certification.region import guaranteed, simulated  # noqa: PLC0415
+    from maglev_design.simulation import cores  # noqa: PLC0415
 
     rig, design = own.rig, own.design
     low, high = (_decimal(ratio) for ratio in own.family.ratios)
@@ -144,7 +144,7 @@ def _region(own: Any, progress: Any) -> _Region:
 
 def _proofs(certificates: tuple[Any, ...], folder: Path) -> tuple[Path, ...]:
     """Write the certificate; without one, take away what an earlier run left there."""
-    from maglev_design.certify.lyapunov.certificate import write  # noqa: PLC0415
+    from maglev_design.certification.lyapunov.certificate import write  # noqa: PLC0415
 
     path = folder / CERTIFICATE
     if not any(c.certified or c.widest is not None for c in certificates):
@@ -155,9 +155,9 @@ def _proofs(certificates: tuple[Any, ...], folder: Path) -> tuple[Path, ...]:
 
 
 def _figures(region: _Region | None, folder: Path) -> tuple[Path, ...]:
-    from maglev_design.certify.region.simulated import region_curves  # noqa: PLC0415
-    from maglev_design.report.plots.region import region_figure  # noqa: PLC0415
-    from maglev_design.report.plots.style import house_style, save_figure  # noqa: PLC0415
+    from maglev_design.certification.region.simulated import region_curves  # noqa: PLC0415
+    from maglev_design.reporting.plots.region import region_figure  # noqa: PLC0415
+    from maglev_design.reporting.plots.style import house_style, save_figure  # noqa: PLC0415
 
     if region is None:
         return ()
@@ -171,9 +171,9 @@ def _figures(region: _Region | None, folder: Path) -> tuple[Path, ...]:
 
 def _subject(options: CertifyOptions) -> tuple[Any, float | None]:
     """Return which controller is judged on what, and the error of beta where it was said."""
-    from maglev_design.certify.assessment import subject  # noqa: PLC0415
+    from maglev_design.certification.assessment import subject  # noqa: PLC0415
     from maglev_design.cli.law import asked_poles  # noqa: PLC0415
-    from maglev_design.design import check_path_voltage, make_design  # noqa: PLC0415
+    from maglev_design.controller.design import check_path_voltage, make_design  # noqa: PLC0415
     from maglev_design.options import DEFAULT_PRESET  # noqa: PLC0415
     from maglev_design.rig import load_rig  # noqa: PLC0415
 
@@ -197,7 +197,7 @@ def _subject(options: CertifyOptions) -> tuple[Any, float | None]:
 
 def _saved(path: Path, options: CertifyOptions) -> tuple[Any, Any, float | None]:
     """Return rig, controller and error of beta of a saved design; nothing of it may be changed."""
-    from maglev_design.family import family_of  # noqa: PLC0415
+    from maglev_design.controller.family import family_of  # noqa: PLC0415
     from maglev_design.record import load  # noqa: PLC0415
 
     if options.rig is not None:

@@ -16,13 +16,13 @@ from maglev_design.cli.output import (
     table,
     typed,
 )
-from maglev_design.design import check_path_voltage
+from maglev_design.controller.design import check_path_voltage
 from maglev_design.errors import InputError
 from maglev_design.files import finite, output_folder, write_bytes
 from maglev_design.options import SCHEMA_VERSION
 from maglev_design.paper.ledger import Claim, chosen
 from maglev_design.record import rig_as_data
-from maglev_design.report.claims_text import details, markdown, summary_rows, tally
+from maglev_design.reporting.claims_text import details, markdown, summary_rows, tally
 from maglev_design.rig import Rig, load_rig
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from maglev_design.cli.commands.compare import CompareOptions
 from maglev_design.cli.output import json_bytes, print_json, progress_bar, say, table, typed, warn
-from maglev_design.design import PoleSpec, check_path_voltage
+from maglev_design.controller.design import PoleSpec, check_path_voltage
 from maglev_design.errors import InputError
 from maglev_design.files import finite, output_folder, write_bytes
 from maglev_design.options import METHODS, SCHEMA_VERSION, Equilibrium
@@ -18,7 +18,7 @@ from maglev_design.paper.comparison import Comparison, Progress, compare
 from maglev_design.paper.survey import orderings, survey
 from maglev_design.paper.trials import Reading, contenders
 from maglev_design.record import load, rig_as_data
-from maglev_design.report.comparison_text import (
+from maglev_design.reporting.comparison_text import (
     guesses,
     headline,
     margin_table,
@@ -27,7 +27,7 @@ from maglev_design.report.comparison_text import (
     result_tables,
 )
 from maglev_design.rig import Emulator, Rig, load_rig
-from maglev_design.tune import TuneResult, build_problem, solve
+from maglev_design.tuning import TuneResult, build_problem, solve
 
 
 def compare_controllers(options: CompareOptions) -> None:
@@ -131,7 +131,7 @@ def _document(rig: Rig, found: Comparison, seed: int) -> dict[str, Any]:
 def _write(
     folder: Path, document: dict[str, Any], found: Comparison, command: str
 ) -> tuple[Path, ...]:
-    from maglev_design.report.plots.comparison import comparison_figures  # noqa: PLC0415
+    from maglev_design.reporting.plots.comparison import comparison_figures  # noqa: PLC0415
 
     curves = {test: [vars(curve) for curve in shown] for test, shown in found.curves.items()}
     figures = comparison_figures(document, curves, folder)

@@ -8,7 +8,7 @@ from maglev_design.cli.commands.derive import DeriveOptions
 from maglev_design.cli.output import print_json, say
 from maglev_design.derivation import NOTATION, derivation
 from maglev_design.files import write_bytes
-from maglev_design.report.derivation_text import records, render
+from maglev_design.reporting.derivation_text import records, render
 
 
 def derive(options: DeriveOptions) -> None:

@@ -9,7 +9,7 @@ from maglev_design.cli import tune_verb
 from maglev_design.cli.commands.design import DesignOptions
 from maglev_design.cli.law import chosen_law
 from maglev_design.cli.output import number, print_json, progress_bar, say
-from maglev_design.design import PoleSpec, believed_equilibrium, check_path_voltage
+from maglev_design.controller.design import PoleSpec, believed_equilibrium, check_path_voltage
 from maglev_design.errors import InfeasibleError, InputError
 from maglev_design.files import output_folder
 from maglev_design.options import Controller
@@ -18,7 +18,9 @@ from maglev_design.rig import Rig
 
 def design(options: DesignOptions) -> None:
     """Judge, print, save; the exit code says how it ended."""
-    from maglev_design.tune.placed import judged  # noqa: PLC0415
+    from maglev_design.chain import baseline_of, recorded  # noqa: PLC0415
+    from maglev_design.tuning import build_problem  # noqa: PLC0415
+    from maglev_design.tuning.placed import judged  # noqa: PLC0415
 
     rig = tune_verb.rig_of(options)
     check_path_voltage(rig)
@@ -28,19 +30,20 @@ def design(options: DesignOptions) -> None:
         if options.json:
             print_json(tune_verb.without_a_design(error))
         raise
-    problem = tune_verb.problem_of(
+    problem = build_problem(
         rig,
-        options,
-        options.method,
+        method=options.method,
+        **tune_verb.limits_of(options),
         distinct=poles.first != poles.second,
         controller=controller,
         gains=gains,
     )
     folder = output_folder(options.output, force=options.force) if options.output else None
     with progress_bar() as progress:
-        baseline = tune_verb.baseline_of(rig, options.baseline)
+        baseline = baseline_of(rig, options.baseline)
         result = judged(problem, poles, baseline, progress)
-        record, written = tune_verb.recorded(result, folder, progress)
+        record = recorded(result, progress)
+        written = tune_verb.saved(record, folder, progress)
     tune_verb.show(result, record.document, written, options)
     figures = result.figures
     if not figures.feasible:
@@ -58,7 +61,7 @@ def _controller(
     rig: Rig, options: DesignOptions
 ) -> tuple[Controller, tuple[float, ...] | None, Any]:
     """Return the law, its gains where they are given, and the poles."""
-    from maglev_design.tune.placed import (  # noqa: PLC0415
+    from maglev_design.tuning.placed import (  # noqa: PLC0415
         FILTER,
         FILTER_OTHERWISE,
         gains_of,

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from maglev_design.cli.output import number, plain, table
-from maglev_design.report.chapter_emulated import emulated_rows, parts_of
-from maglev_design.report.content import Quantity, Runs
+from maglev_design.reporting.chapter_emulated import emulated_rows, parts_of
+from maglev_design.reporting.content import Quantity, Runs
 
 
 def emulated_warnings(document: dict[str, Any]) -> list[str]:

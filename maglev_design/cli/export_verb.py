@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from maglev_design.cli.commands.export import ExportOptions
 from maglev_design.cli.output import print_json, say, table, warn
-from maglev_design.export import export_folder
+from maglev_design.exporting import export_folder
 from maglev_design.record import load
 
 

@@ -6,7 +6,7 @@ from maglev_design.cli.commands.certify import CertifyOptions
 from maglev_design.cli.commands.design import DesignOptions
 from maglev_design.cli.commands.simulate import SimulateOptions
 from maglev_design.cli.commands.sweep import SweepOptions
-from maglev_design.design import PAPER_POLES, PoleSpec
+from maglev_design.controller.design import PAPER_POLES, PoleSpec
 from maglev_design.errors import InputError
 from maglev_design.options import Controller, ControllerName
 

@@ -12,8 +12,8 @@ from typing import Any
 
 from maglev_design.files import finite
 from maglev_design.options import SCHEMA_VERSION
-from maglev_design.report.content import Code, Inline, Quantity, Runs, Strong
-from maglev_design.report.words import unit_text
+from maglev_design.reporting.content import Code, Inline, Quantity, Runs, Strong
+from maglev_design.reporting.words import unit_text
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it."""

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from maglev_design import sweep as sweeps
-from maglev_design.design import Design
-from maglev_design.design_data import design_from_data
+from maglev_design import sweeping as sweeps
+from maglev_design.controller.data import design_from_data
+from maglev_design.controller.design import Design
 from maglev_design.errors import InputError
 from maglev_design.files import read_document
 from maglev_design.record import rig_from_data
 from maglev_design.rig import Rig
-from maglev_design.simulate import Response, Scenario, total_variation
+from maglev_design.simulation import Response, Scenario, total_variation
 
 TOLERANCE = 1e-10
 """Relative, between the back ends."""

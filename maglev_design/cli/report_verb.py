@@ -10,8 +10,8 @@ from maglev_design.errors import InputError
 from maglev_design.files import output_folder
 from maglev_design.options import TAN_GPI
 from maglev_design.record import load
-from maglev_design.report import pdf_form
-from maglev_design.report.write import FORMS, Form, write_report
+from maglev_design.reporting import pdf_form
+from maglev_design.reporting.write import FORMS, Form, write_report
 
 
 def report(options: ReportOptions) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 from maglev_design.cli.arguments import flag
 from maglev_design.cli.commands.simulate import SimulateOptions
 from maglev_design.cli.law import PID, asked_poles, chosen_law
-from maglev_design.design import (
+from maglev_design.controller.design import (
     Design,
     check_path_voltage,
     coefficient_inputs,
@@ -24,7 +24,7 @@ from maglev_design.options import DEFAULT_PRESET, ControllerName, Method
 from maglev_design.paper.trials import TRIALS, Trial
 from maglev_design.programs import gains_program
 from maglev_design.rig import Emulator, Rig, load_rig, make_rig
-from maglev_design.simulate import Scenario, emulated
+from maglev_design.simulation import Scenario, emulated
 
 RATIOS = (0.01, 20.0)
 """beta_c/beta that can be asked for: a voltage at equilibrium three times too low or too high."""

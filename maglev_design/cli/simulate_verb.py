@@ -16,8 +16,8 @@ from maglev_design.cli.output import number, print_json, say, table, warn
 from maglev_design.cli.simulate_setup import PLANT_MOVES, SimulationSetup, set_up
 from maglev_design.errors import InputError
 from maglev_design.files import write_bytes
-from maglev_design.simulate import Response, StatedErrors, loop_for, respond, stated_errors
-from maglev_design.simulate import simulate as run_loop
+from maglev_design.simulation import Response, StatedErrors, loop_for, respond, stated_errors
+from maglev_design.simulation import simulate as run_loop
 
 OF_A_REPLAY = ("seed", "replay", "csv", "plot", "json")
 """What may stand beside --replay."""
@@ -156,8 +156,8 @@ def _csv(response: Response) -> str:
 
 
 def _plot(response: Response, title: str, path: Path) -> None:
-    from maglev_design.report.plots.response import response_figure  # noqa: PLC0415
-    from maglev_design.report.plots.style import house_style, save_figure  # noqa: PLC0415
+    from maglev_design.reporting.plots.response import response_figure  # noqa: PLC0415
+    from maglev_design.reporting.plots.style import house_style, save_figure  # noqa: PLC0415
 
     names = ("times", "gap", "reference", "commanded", "applied")
     curves: dict[str, Any] = {name: np.asarray(getattr(response, name)) for name in names}

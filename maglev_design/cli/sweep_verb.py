@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from maglev_design import sweep as sweeps
+from maglev_design import sweeping as sweeps
 from maglev_design.cli.arguments import flag
 from maglev_design.cli.commands.sweep import SweepOptions
 from maglev_design.cli.law import asked_poles
@@ -22,13 +22,13 @@ from maglev_design.cli.output import (
     table,
     warn,
 )
-from maglev_design.design import Design, check_path_voltage, make_design
+from maglev_design.controller.design import Design, check_path_voltage, make_design
 from maglev_design.errors import InputError, nearest
 from maglev_design.files import finite, output_folder, write_bytes
 from maglev_design.options import CONTROLLERS, DEFAULT_PRESET, Controller
 from maglev_design.record import DesignRecord, load
 from maglev_design.rig import DRAWN, Rig, load_rig
-from maglev_design.simulate import cores
+from maglev_design.simulation import cores
 
 RESULT = "sweep.json"
 OF_CONTROLLER = ("plant", "operating_point", "sampling", "limits")

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,29 +14,46 @@ from maglev_design.cli.emulated_text import emulated_warnings
 from maglev_design.cli.output import INTERRUPTED, number, print_json, progress_bar, say, warn
 from maglev_design.errors import InfeasibleError, VerificationError
 from maglev_design.files import output_folder
-from maglev_design.options import METHODS, TAN_GPI, Method
-from maglev_design.rig import Rig, is_papers, load_rig
+from maglev_design.rig import Rig, load_rig
 
 if TYPE_CHECKING:
     from maglev_design.record import DesignRecord
 
+LIMITS = (
+    *("objective", "equilibrium", "beta_error", "max_ms", "max_noise_voltage"),
+    *("allow_saturation", "scenarios", "seed"),
+)
+"""What ``tune`` and ``design`` both say of the problem, by its own names."""
+
 
 def tune(options: TuneOptions) -> None:
     """Solve, print, save; the exit code says how it ended."""
-    from maglev_design.tune import Status, Unstabilisable  # noqa: PLC0415
+    from maglev_design.chain import recorded, solved  # noqa: PLC0415
+    from maglev_design.tuning import Status, Unstabilisable  # noqa: PLC0415
 
     rig = rig_of(options)
     folder = output_folder(options.output, force=options.force) if options.output else None
     with progress_bar() as progress:
-        result = _solve(rig, options, progress)
+        result = solved(
+            rig,
+            method=options.method,
+            baseline=options.baseline,
+            certified=options.certify,
+            progress=progress,
+            distinct=options.poles == "distinct",
+            zeta_bounds=options.zeta_bounds,
+            omega_bounds=options.omega_bounds,
+            **limits_of(options),
+        )
         if isinstance(result, Unstabilisable):
-            error = InfeasibleError(_hopeless(result), "spectral radius")
+            error = InfeasibleError(str(result), "spectral radius")
             if options.json:
                 largest = ("largest_period", "largest_delay")
                 own = {name: getattr(result, name) for name in largest}
                 print_json(without_a_design(error, limit=1.0) | own)
             raise error
-        record, written = recorded(result, folder, progress, pareto=options.pareto)
+        record = recorded(result, progress, pareto=options.pareto)
+        written = saved(record, folder, progress)
     document = record.document
     show(result, document, written, options, document["warnings"])
     if result.status is Status.INTERRUPTED:
@@ -50,7 +66,7 @@ def tune(options: TuneOptions) -> None:
 
 def rig_of(options: TuneOptions | DesignOptions) -> Rig:
     """Return the rig, as the scenarios have it."""
-    from maglev_design.simulate import designed_for  # noqa: PLC0415
+    from maglev_design.simulation import designed_for  # noqa: PLC0415
 
     rig = load_rig(options.rig)
     return designed_for(rig) if options.scenarios == "emulated" else rig
@@ -66,31 +82,18 @@ def without_a_design(error: InfeasibleError, limit: float | None = None) -> dict
     }
 
 
-def recorded(
-    result: Any, folder: Path | None, progress: Any, *, pareto: bool = False
-) -> tuple[DesignRecord, tuple[Path, ...]]:
-    """Return the record of a result with margins and certificate, and the files written of it."""
-    from maglev_design.certify.lyapunov.lmi import certify_family  # noqa: PLC0415
-    from maglev_design.certify.margins import sampled_margins  # noqa: PLC0415
-    from maglev_design.record import make_record, save  # noqa: PLC0415
-
-    problem, certificate = result.problem, None
-    progress("margins", 0.0)
-    margins = sampled_margins(problem.loop, result.poles.values, problem.family)
-    progress("certificate", 0.3)
-    if problem.controller.name == TAN_GPI.name:
-        (certificate,) = certify_family(
-            result.design, problem.rig, beta_error=problem.given_beta_error, loops=("sampled",)
-        )
-    trade = _trade_off(result, progress) if pareto else None
-    record = make_record(result, margins, certificate, trade)
+def saved(
+    record: DesignRecord, folder: Path | None, progress: Callable[[str, float], None]
+) -> tuple[Path, ...]:
+    """Write the record and its figures; return the files."""
     if folder is None:
-        return record, ()
-    progress("figures", 0.5)
-    from maglev_design.report.plots.design import design_figures  # noqa: PLC0415
+        return ()
+    from maglev_design.record import save  # noqa: PLC0415
+    from maglev_design.reporting.plots.design import design_figures  # noqa: PLC0415
 
+    progress("figures", 0.5)
     figures = design_figures(record.curves, record.document, folder)
-    return record, save(record, folder) + figures
+    return save(record, folder) + figures
 
 
 def show(
@@ -126,95 +129,9 @@ def end_by_verification(result: Any) -> None:
         sys.exit(VerificationError.exit_code)
 
 
-def _solve(rig: Rig, options: TuneOptions, progress: Any) -> Any:
-    from maglev_design.design import check_path_voltage  # noqa: PLC0415
-    from maglev_design.tune import solve, solve_every_method  # noqa: PLC0415
-
-    check_path_voltage(rig)
-
-    def problem(method: Method | None) -> Any:
-        return problem_of(
-            rig,
-            options,
-            method,
-            distinct=options.poles == "distinct",
-            zeta_bounds=options.zeta_bounds,
-            omega_bounds=options.omega_bounds,
-            certifies=_certifies(rig, options.beta_error) if options.certify else None,
-        )
-
-    baseline = baseline_of(rig, options.baseline)
-    if options.method == "auto":
-        return solve_every_method({name: problem(name) for name in METHODS}, progress, baseline)
-    method: Method | None = next((m for m in METHODS if m == options.method), None)
-    return solve(problem(method), progress, baseline)
-
-
-def problem_of(
-    rig: Rig, options: TuneOptions | DesignOptions, method: Method | None, **own: Any
-) -> Any:
-    """Return the problem that the options state, with what is a verb's own."""
-    from maglev_design.tune import build_problem  # noqa: PLC0415
-
-    return build_problem(
-        rig,
-        objective=options.objective,
-        equilibrium=options.equilibrium,
-        method=method,
-        beta_error=options.beta_error,
-        max_ms=options.max_ms,
-        max_noise_voltage=options.max_noise_voltage,
-        allow_saturation=options.allow_saturation,
-        scenarios=options.scenarios,
-        seed=options.seed,
-        **own,
-    )
-
-
-def baseline_of(rig: Rig, asked: tuple[float, float] | None) -> Any:
-    """Return the poles to compare with: those asked for, on the paper's rig the paper's."""
-    from maglev_design.design import PAPER_POLES, PoleSpec  # noqa: PLC0415
-
-    if asked is not None:
-        return PoleSpec.double(*asked)
-    return PoleSpec.double(*PAPER_POLES) if is_papers(rig) else None
-
-
-def _certifies(rig: Rig, beta_error: float | None) -> Any:
-    """Return the question whether a controller's sampled loop is proved stable."""
-    from maglev_design.certify.lyapunov.lmi import certify_sampled  # noqa: PLC0415
-
-    return lambda design: certify_sampled(design, rig, beta_error=beta_error).certified
-
-
-def _trade_off(result: Any, progress: Any) -> Any:
-    from maglev_design.certify.lyapunov.lmi import widest_sampled  # noqa: PLC0415
-    from maglev_design.tune import trade_off  # noqa: PLC0415
-
-    def widest(design: Any) -> float:
-        found = widest_sampled(design, result.problem.rig)
-        return math.nan if found is None else float(found.claim.ratios[1] - 1)
-
-    return trade_off(result, widest, progress)
-
-
-def _hopeless(found: Any) -> str:
-    from maglev_design.tune.cautions import sampling_product  # noqa: PLC0415
-
-    sampling = found.problem.rig.sampling
-    remedies = [
-        f"the largest {name} that some poles stabilise is about {1e3 * value:.3g} ms"
-        for name, value in (("period", found.largest_period), ("delay", found.largest_delay))
-        if not math.isnan(value)
-    ]
-    return (
-        f"no poles in the search box stabilise the sampled loop with sampling.period = "
-        f"{1e3 * sampling.period:g} ms and sampling.delay = {1e3 * sampling.delay:g} ms "
-        f"(limit: spectral radius below 1 over the gaps and ratios): "
-        f"{sampling_product(found.problem)}; "
-        + ("; ".join(remedies) if remedies else "no shorter period alone would do")
-        + " (the other as it is)"
-    )
+def limits_of(options: TuneOptions | DesignOptions) -> dict[str, Any]:
+    """Return what both verbs say of the problem."""
+    return {name: getattr(options, name) for name in LIMITS}
 
 
 def _infeasible(document: dict[str, Any]) -> str:

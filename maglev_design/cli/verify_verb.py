@@ -8,7 +8,7 @@ from dataclasses import asdict
 from maglev_design.cli.commands.verify import VerifyOptions
 from maglev_design.cli.output import number, print_json, progress_bar, say, table, warn
 from maglev_design.errors import VerificationError
-from maglev_design.export import Check, verify_folder
+from maglev_design.exporting import Check, verify_folder
 
 
 def verify(options: VerifyOptions) -> None:

@@ -8,13 +8,28 @@ is wrong, stands beside it by hand, and the difference of the two is simplified 
 
 from __future__ import annotations
 
+from sympy import Expr, Symbol
+
 from maglev_design.derivation import appendix, control, plant, sampling
 from maglev_design.derivation.terms import NOTATION, Equation, Line, Relation
+from maglev_design.options import TAN_GPI, Controller
+from maglev_design.programs.derived import gain_expressions
 from maglev_design.symbolic.flatness import flat_model
 from maglev_design.symbolic.linearisation import linearise
 from maglev_design.symbolic.plant import magnetic_levitation
 
-__all__ = ["NOTATION", "Equation", "Line", "Relation", "derivation"]
+__all__ = ["NOTATION", "Equation", "Line", "Relation", "derivation", "gains"]
+
+
+def gains(controller: Controller = TAN_GPI) -> dict[Symbol, Expr]:
+    """Return a law's gains in (zeta_1, omega_1, zeta_2, omega_2) of its poles; (25) for TAN-GPI.
+
+    Examples
+    --------
+    >>> [str(name) for name in gains()] == ["k0", "k1", "k2", "k3"]
+    True
+    """
+    return dict(gain_expressions(controller))
 
 
 def derivation() -> tuple[Equation, ...]:

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design.certify.margins import Margins, sampled_margins
-from maglev_design.design import believed_equilibrium, plant_beta, voltage_on_plant
-from maglev_design.family import family_of
+from maglev_design.certification.margins import Margins, sampled_margins
+from maglev_design.controller.design import believed_equilibrium, plant_beta, voltage_on_plant
+from maglev_design.controller.family import family_of
 from maglev_design.linear_loop import build_loop, peak_sensitivity, spectral_radius
 from maglev_design.paper.trials import (
     EMULATION,
@@ -30,7 +30,7 @@ from maglev_design.paper.trials import (
     run_trial,
 )
 from maglev_design.rig import Rig
-from maglev_design.tune.emulated import NoiseBand
+from maglev_design.tuning.emulated import NoiseBand
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]

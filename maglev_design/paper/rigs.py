@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from maglev_design import design
+from maglev_design.controller import design
 from maglev_design.rig import Rig, make_rig
 
 HEADROOM = (1.5, 3.0)

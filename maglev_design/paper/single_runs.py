@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from maglev_design.design import make_design, plant_beta
+from maglev_design.controller.design import make_design, plant_beta
 from maglev_design.paper.ledger import Finding, claim, finding
 from maglev_design.paper.survey import NAMES, Row, ordering
 from maglev_design.paper.surveyed import EVERYONE, OPPONENTS
@@ -26,7 +26,7 @@ from maglev_design.paper.trials import (
     run_trial,
 )
 from maglev_design.rig import Emulator, Rig
-from maglev_design.simulate import Scenario, build, simulate
+from maglev_design.simulation import Scenario, build, simulate
 
 
 @claim("4.2-measurement-noise")

@@ -16,8 +16,8 @@ import sympy as sp
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from maglev_design import design
-from maglev_design.design import PAPER_POLES, PoleSpec
+from maglev_design.controller import design
+from maglev_design.controller.design import PAPER_POLES, PoleSpec
 from maglev_design.lowering import lower
 from maglev_design.options import Equilibrium
 from maglev_design.paper.ledger import Verdict

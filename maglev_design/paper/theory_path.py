@@ -9,10 +9,10 @@ from functools import cache, partial
 import numpy as np
 import sympy as sp
 
-from maglev_design import design
-from maglev_design.certify.intervals.sampled import setting
-from maglev_design.certify.intervals.sampled_limits import largest_period
-from maglev_design.family import family_of
+from maglev_design.certification.intervals.sampled import setting
+from maglev_design.certification.intervals.sampled_limits import largest_period
+from maglev_design.controller import design
+from maglev_design.controller.family import family_of
 from maglev_design.options import METHODS, Method
 from maglev_design.paper.ledger import Finding, claim, finding
 from maglev_design.paper.printed import proved

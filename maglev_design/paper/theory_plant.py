@@ -9,7 +9,7 @@ import numpy as np
 import sympy as sp
 from sympy import Expr, Matrix
 
-from maglev_design import design
+from maglev_design.controller import design
 from maglev_design.paper.ledger import Finding, claim, finding
 from maglev_design.paper.printed import proved, residual_is_zero
 from maglev_design.paper.theory_linear import TriedRig, close, linear_loop, quantity, tally

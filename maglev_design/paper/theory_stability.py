@@ -11,8 +11,7 @@ import sympy as sp
 from scipy.linalg import expm
 from sympy import Expr, Symbol
 
-from maglev_design.derivation import terms as d
-from maglev_design.design import (
+from maglev_design.controller.design import (
     believed_equilibrium,
     path_gaps,
     plant_beta,
@@ -20,7 +19,8 @@ from maglev_design.design import (
     reference_path,
     voltage_on_plant,
 )
-from maglev_design.family import Family, family_of
+from maglev_design.controller.family import Family, family_of
+from maglev_design.derivation import terms as d
 from maglev_design.linear_loop import build_loop, spectral_radius
 from maglev_design.options import EQUILIBRIA, Equilibrium
 from maglev_design.paper.ledger import Finding, Value, claim, finding

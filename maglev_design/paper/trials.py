@@ -8,10 +8,16 @@ from functools import lru_cache
 
 import numpy as np
 
-from maglev_design.design import PAPER_POLES, PoleSpec, make_design, plant_beta, voltage_on_plant
+from maglev_design.controller.design import (
+    PAPER_POLES,
+    PoleSpec,
+    make_design,
+    plant_beta,
+    voltage_on_plant,
+)
 from maglev_design.options import TAN_GPI, Controller, Equilibrium, Method
 from maglev_design.rig import Rig, make_rig
-from maglev_design.simulate import (
+from maglev_design.simulation import (
     LoopGraph,
     Response,
     Scenario,

@@ -1,7 +1,7 @@
 """The rig: what a person measures and writes down, validated and in SI units.
 
 No formula of the physics stands here; what follows from these numbers (beta, U, C_U, C_Y) is
-computed by :mod:`maglev_design.design` from the symbolic layer.
+computed by :mod:`maglev_design.controller.design` from the symbolic layer.
 """
 
 from maglev_design.rig.model import MOST_SAMPLES, Rig, fields

@@ -16,9 +16,9 @@ from scipy.optimize import approx_fprime
 
 from benchmarks.loops import FIELDS, Subject, numbers
 from benchmarks.peers import Problem, control_loop
-from maglev_design import sweep as sweeps
-from maglev_design.design import PoleSpec, make_design
-from maglev_design.tune import (
+from maglev_design import sweeping as sweeps
+from maglev_design.controller.design import PoleSpec, make_design
+from maglev_design.tuning import (
     TuneResult,
     build_problem,
     figures,

@@ -12,9 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 from rigs import SHORT, rig_with
 
-from maglev_design.design import Design, PoleSpec, make_design, plant_beta, reference_path
+from maglev_design.controller.design import (
+    Design,
+    PoleSpec,
+    make_design,
+    plant_beta,
+    reference_path,
+)
 from maglev_design.rig import Rig, load_rig
-from maglev_design.simulate import (
+from maglev_design.simulation import (
     LoopGraph,
     Scenario,
     build,
@@ -23,9 +29,9 @@ from maglev_design.simulate import (
     pole_sensitivities,
     simulate_batch,
 )
-from maglev_design.simulate.batch import first_noise, summaries
-from maglev_design.simulate.scenario import parameter_vector, start_state
-from maglev_design.simulate.sensitivities import start_sensitivities
+from maglev_design.simulation.batch import first_noise, summaries
+from maglev_design.simulation.scenario import parameter_vector, start_state
+from maglev_design.simulation.sensitivities import start_sensitivities
 
 Array = NDArray[np.float64]
 

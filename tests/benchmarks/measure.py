@@ -15,8 +15,8 @@ from typing import Any
 from benchmarks import jobs, peers, processes
 from benchmarks.clock import Job, side_by_side
 from benchmarks.loops import DIRECTIONS, Subject, Yardstick, batch, graph, subject
-from maglev_design.simulate import compiled, cores, lanes, simulate_batch
-from maglev_design.simulate.response import simulate
+from maglev_design.simulation import compiled, cores, lanes, simulate_batch
+from maglev_design.simulation.response import simulate
 
 Tell = Callable[[str], None]
 Data = dict[str, Any]

@@ -18,7 +18,7 @@ clock = time.perf_counter
 begun = clock()
 sys.path.insert(0, sys.argv[1])
 from benchmarks.loops import subject
-from maglev_design.simulate import build, simulate_batch
+from maglev_design.simulation import build, simulate_batch
 imported = clock()
 of, count = subject(), int(sys.argv[2])
 loop = build(of.rig, of.design.method)

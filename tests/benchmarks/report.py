@@ -11,7 +11,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from maglev_design.report.plots.style import WIDTH, house_style, plain_ticks, save_figure
+from maglev_design.reporting.plots.style import WIDTH, house_style, plain_ticks, save_figure
 
 Data = dict[str, Any]
 

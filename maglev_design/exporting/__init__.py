@@ -1,0 +1,11 @@
+"""A saved design as a controller that stands alone, in Python, C or MATLAB, and its check.
+
+``export_folder`` prints, ``verify_folder`` builds what was printed, runs it and compares it with
+the design that it came from.
+"""
+
+from maglev_design.exporting.folder import Export, export_folder
+from maglev_design.exporting.verdict import Check, Verdict
+from maglev_design.exporting.verify import verify_folder
+
+__all__ = ["Check", "Export", "Verdict", "export_folder", "verify_folder"]

@@ -1,0 +1,59 @@
+"""The front door: one lazy page whose names stay what they are."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+import subprocess
+import sys
+
+import control
+import numpy as np
+import pytest
+
+import maglev_design
+from maglev_design.record import DesignRecord
+
+DOOR = sorted(set(maglev_design.__all__) - {"__version__"})
+VERBS = [name for name in DOOR if name.islower()]
+
+
+def test_the_door_imports_no_room() -> None:
+    code = "import sys, maglev_design; print(*sorted(n for n in sys.modules if 'maglev' in n))"
+    loaded = subprocess.run(  # noqa: S603 - our own interpreter and text
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert loaded.stdout.split() == ["maglev_design"]
+
+
+@pytest.mark.parametrize("name", DOOR)
+def test_every_name_of_the_door_is_there_and_told(name: str) -> None:
+    found = getattr(maglev_design, name)
+    assert callable(found)
+    assert found.__doc__
+
+
+def test_no_room_is_called_like_a_function_of_the_door() -> None:
+    rooms = {module.name for module in pkgutil.iter_modules(maglev_design.__path__)}
+    assert rooms.isdisjoint(DOOR)
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_a_function_of_the_door_stays_one_when_every_room_is_loaded(verb: str) -> None:
+    for module in pkgutil.iter_modules(maglev_design.__path__):
+        if module.name != "__main__":
+            importlib.import_module(f"maglev_design.{module.name}")
+    assert type(getattr(maglev_design, verb)).__name__ == "function"
+
+
+def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="tunes"):
+        maglev_design.tunes  # noqa: B018
+
+
+def test_a_record_answers_with_systems_of_python_control(tuned_record: DesignRecord) -> None:
+    law, plant = tuned_record.controller(), tuned_record.plant()
+    assert (law.dt, plant.dt) == (tuned_record.rig.sampling.period, 0)
+    loop = control.feedback(control.c2d(plant, law.dt) * law, sign=1)
+    radius = tuned_record.document["nominal"]["spectral_radius"]
+    assert np.abs(loop.poles()).max() < 1, radius
