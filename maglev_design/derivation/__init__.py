@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from sympy import Expr, Symbol
 
-from maglev_design.derivation import appendix, control, plant, sampling
+from maglev_design.derivation import appendix, control, plant, sampling, terms
 from maglev_design.derivation.terms import NOTATION, Equation, Line, Relation
 from maglev_design.options import TAN_GPI, Controller
 from maglev_design.programs.derived import gain_expressions
@@ -18,7 +18,19 @@ from maglev_design.symbolic.flatness import flat_model
 from maglev_design.symbolic.linearisation import linearise
 from maglev_design.symbolic.plant import magnetic_levitation
 
-__all__ = ["NOTATION", "Equation", "Line", "Relation", "derivation", "gains"]
+__all__ = [
+    "NOTATION",
+    "Equation",
+    "Line",
+    "Relation",
+    "appendix",
+    "control",
+    "derivation",
+    "gains",
+    "plant",
+    "sampling",
+    "terms",
+]
 
 
 def gains(controller: Controller = TAN_GPI) -> dict[Symbol, Expr]:
