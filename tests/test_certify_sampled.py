@@ -1,32 +1,52 @@
 from __future__ import annotations
-
-import math
+from flint import arb
+from flint import arb_series
 from fractions import Fraction
-from typing import Any
-
-import numpy as np
-import pytest
-from flint import arb, arb_series
-from rigs import OFFSET, SHORT, rig_with
-
 from maglev_design import linear_loop as loops
 from maglev_design.certification.intervals import sampled_limits
-from maglev_design.certification.intervals.arithmetic import OPERATORS, between, number, working
-from maglev_design.certification.intervals.jets import coefficients, variable, widened
+from maglev_design.certification.intervals.arithmetic import OPERATORS
+from maglev_design.certification.intervals.arithmetic import between
+from maglev_design.certification.intervals.arithmetic import number
+from maglev_design.certification.intervals.arithmetic import working
+from maglev_design.certification.intervals.jets import coefficients
+from maglev_design.certification.intervals.jets import variable
+from maglev_design.certification.intervals.jets import widened
 from maglev_design.certification.intervals.positivity import positive
-from maglev_design.certification.intervals.sampled import Setting, enclose, setting, timing
+from maglev_design.certification.intervals.sampled import Setting
+from maglev_design.certification.intervals.sampled import enclose
+from maglev_design.certification.intervals.sampled import setting
+from maglev_design.certification.intervals.sampled import timing
 from maglev_design.certification.intervals.sampled_interval import sampled_ratios_at
-from maglev_design.certification.intervals.sampled_limits import (
-    LimitStatus,
-    largest_delay,
-    largest_period,
-)
-from maglev_design.certification.intervals.sampled_path import proved_over, sampled_ratios_over
+from maglev_design.certification.intervals.sampled_limits import LimitStatus
+from maglev_design.certification.intervals.sampled_limits import largest_delay
+from maglev_design.certification.intervals.sampled_limits import largest_period
+from maglev_design.certification.intervals.sampled_path import nominal_quotients
+from maglev_design.certification.intervals.sampled_path import proved_over
+from maglev_design.certification.intervals.sampled_path import proved_piece
+from maglev_design.certification.intervals.sampled_path import sampled_ratios_over
 from maglev_design.certification.rationals import decimal
-from maglev_design.controller.design import Design, PoleSpec, believed_equilibrium, make_design
-from maglev_design.controller.family import Family, family_of
-from maglev_design.options import CONTROLLERS, EQUILIBRIA, METHODS, Controller, Equilibrium, Method
-from maglev_design.rig import Rig, load_rig
+from maglev_design.controller.design import Design
+from maglev_design.controller.design import PoleSpec
+from maglev_design.controller.design import believed_equilibrium
+from maglev_design.controller.design import make_design
+from maglev_design.controller.family import Family
+from maglev_design.controller.family import family_of
+from maglev_design.options import CONTROLLERS
+from maglev_design.options import Controller
+from maglev_design.options import EQUILIBRIA
+from maglev_design.options import Equilibrium
+from maglev_design.options import METHODS
+from maglev_design.options import Method
+from maglev_design.rig import Rig
+from maglev_design.rig import load_rig
+from rigs import OFFSET
+from rigs import SHORT
+from rigs import rig_with
+from typing import Any
+import math
+import numpy as np
+import pytest
+
 
 PAPER, POLES = load_rig("belmonte2021"), PoleSpec.double(1, 70)
 PATH = (0.012, 0.0246)
@@ -95,7 +115,7 @@ def test_widened_coefficients_hold_those_at_every_point_of_the_range() -> None:
     wide = widened(series(arb(1), 3), series(whole, 4)[4], whole - 1)
     for point in (Fraction(9, 10), Fraction(97, 100), Fraction(11, 10)):
         exact = series(number(point), 4)
-        for inner, outer in zip(coefficients(exact), wide, strict=True):
+        for inner, outer in zip(coefficients(exact), coefficients(wide), strict=True):
             assert inner in outer
 
 
@@ -190,6 +210,14 @@ def test_a_family_inside_is_proved_and_one_across_an_end_is_not() -> None:
     assert not proved_over(model(), ONE_MS, gaps, (Fraction(1, 2), Fraction(316, 100)))
     # exact beta, and gaps beyond the largest
     assert not proved_over(model(), ONE_MS, (decimal(0.012), decimal(0.2)), (Fraction(1),) * 2)
+
+
+@working()
+def test_a_piece_too_wide_to_tell_c_y_from_zero_stays_open() -> None:
+    loop = model()
+    high = loop.coefficient(decimal(0.0246))
+    for low, answer in ((high * Fraction(9, 10), True), (high / 10**12, None)):
+        assert proved_piece(loop, ONE_MS, (low, high), nominal_quotients(loop)) is answer
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.0005])

@@ -17,8 +17,8 @@ from sympy import Poly
 
 PRECISION = 320
 """[bit] Of every enclosure; a hundred more than the coefficients of fifteen poles cancel."""
-LONGEST = 100
-"""Terms of a power series, beyond which Arb cuts it off."""
+LONGEST = 100_000
+"""Terms of a power series, beyond which Arb cuts it off; more than any has here."""
 DEEPEST = 60
 """Halvings after which a sign that is still open is called undecided."""
 

@@ -61,7 +61,7 @@ class Jet:
         return Jet(tuple(found))
 
 
-def widened(near: arb_series, last: arb, away: arb) -> list[arb]:
+def widened(near: arb_series, last: arb, away: arb) -> arb_series:
     """Return the Taylor coefficients at every point q + d, d in `away`, from those at q.
 
         f_k(Q) in sum_m C(m, k) f_m d^(m - k),  k <= m <= K,  f_K(Q) for the last.
@@ -72,8 +72,8 @@ def widened(near: arb_series, last: arb, away: arb) -> list[arb]:
     ----------
     near : arb_series
         f_0, ..., f_{K-1} at q.
-    last
+    last : arb
         f_K(Q).
     """
     moved = arb_poly([*coefficients(near), last])(arb_poly([away, 1]))
-    return [moved[n] for n in range(near.prec + 1)]
+    return arb_series(moved, prec=near.prec + 1)

@@ -30,6 +30,7 @@ from maglev_design.certification.intervals.spans import End, Span, StableSet
 from maglev_design.certification.rationals import decimal
 
 Range = tuple[Fraction, Fraction]
+Pair = tuple[float, float]
 PIECE_PRECISION = 160
 """[bit] Pieces are wide; digits beyond these do not narrow what is enclosed on them."""
 HAIR = Fraction(1, 10**30)
@@ -70,7 +71,7 @@ def proved_over(loop: Setting, when: SampleTiming, gaps: Range, quotients: Range
     while todo:
         low, high = todo.pop()
         done += 1
-        verdict = _piece(loop, when, (low, high), quotients)
+        verdict = proved_piece(loop, when, (low, high), quotients)
         if verdict is None and done < most and low < high:
             middle = (low + high) / 2
             todo += [(low, middle), (middle, high)]
@@ -79,7 +80,7 @@ def proved_over(loop: Setting, when: SampleTiming, gaps: Range, quotients: Range
     return True
 
 
-def _piece(loop: Setting, when: SampleTiming, true: Range, quotients: Range) -> bool | None:
+def proved_piece(loop: Setting, when: SampleTiming, true: Range, quotients: Range) -> bool | None:
     """Return whether a rectangle in C_Y' and v is stable; None where that is open."""
     low, high = true
     half, order = (high - low) / 2, order_for(float((high - low) / 2 / high))
@@ -88,36 +89,27 @@ def _piece(loop: Setting, when: SampleTiming, true: Range, quotients: Range) -> 
     verdict = is_hurwitz([x[0] for x in near.at(number(sum(quotients) / Fraction(2)))])
     if not verdict:
         return verdict
-    rough = expand(loop, when, whole, order)
-    far = Affine(
-        *(
-            tuple(
-                arb_series(widened(a, b[order], whole - at), prec=order + 1)
-                for a, b in zip(mine, last, strict=True)
-            )
-            for mine, last in ((near.alpha, rough.alpha), (near.beta, rough.beta))
-        )
-    )
     try:
+        rough = expand(loop, when, whole, order)
+        far = Affine(
+            *(
+                tuple(widened(a, b[order], whole - at) for a, b in zip(mine, last, strict=True))
+                for mine, last in ((near.alpha, rough.alpha), (near.beta, rough.beta))
+            )
+        )
         fronts = [_signs(x, quotients) for x in (near, far)]
-    except ZeroDivisionError:
+    except (ZeroDivisionError, ValueError):  # a divisor, of series the latter, that may be zero
         return None
     reach, width = number((quotients[1] - quotients[0]) / 2), number(half)
-    return (
-        all(
-            positive(
-                [
-                    [
-                        middle_and_radius(c * reach**j * width**k)
-                        for k, c in enumerate([*coefficients(a), b[order]])
-                    ]
-                    for j, (a, b) in enumerate(zip(mine, last, strict=True))
-                ]
-            )
-            for mine, last in zip(*fronts, strict=True)
-        )
-        or None
-    )
+
+    def table(mine: Sequence[arb_series], last: Sequence[arb_series]) -> list[list[Pair]]:
+        rows = ([*coefficients(a), b[order]] for a, b in zip(mine, last, strict=True))
+        return [
+            [middle_and_radius(c * reach**j * width**k) for k, c in enumerate(row)]
+            for j, row in enumerate(rows)
+        ]
+
+    return all(positive(table(*pair)) for pair in zip(*fronts, strict=True)) or None
 
 
 def _signs(affine: Affine, quotients: Range) -> tuple[tuple[arb_series, ...], ...]:
