@@ -1,28 +1,29 @@
 """What a person reads about a design on the emulated rig."""
 
 from __future__ import annotations
-
-import sys
 from collections.abc import Mapping
+from maglev_design.cli.output import number
+from maglev_design.cli.output import plain
+from maglev_design.cli.output import table
+from maglev_design.reporting.chapter_emulated import emulated_rows
+from maglev_design.reporting.chapter_emulated import is_lost
+from maglev_design.reporting.chapter_emulated import parts_of
+from maglev_design.reporting.content import Quantity
+from maglev_design.reporting.content import Runs
 from typing import Any
-
-from maglev_design.cli.output import number, plain, table
-from maglev_design.reporting.chapter_emulated import emulated_rows, parts_of
-from maglev_design.reporting.content import Quantity, Runs
+import sys
 
 
 def emulated_warnings(document: dict[str, Any]) -> list[str]:
     """Return what stands above every other result: balls that are lost on the emulated rig."""
     found = document["emulated"]
-    if found is None:
+    if found is None or not is_lost(found):
         return []
     where = "; ".join(
         f"at beta_c/beta = {part['ratio']:g} in {part['lost']} of {part['seeds']} runs"
         for part in parts_of(found)
         if part["lost"]
     )
-    if not where:
-        return []
     return [
         f"ON THE EMULATED RIG THE BALL IS LOST, {where} ({_effects(found)}): what follows is of a "
         "plant without these effects; do not run this design on the rig that the file describes"

@@ -60,7 +60,7 @@ LOST = "On the rig that the file describes the ball is lost: no other figure of 
 
 def is_lost(found: Mapping[str, Any] | None) -> bool:
     """Whether any run on the emulated rig loses the ball."""
-    return found is not None and any(part["lost"] for part in parts_of(found))
+    return found is not None and bool(found["lost"] or found["worst"]["lost"])
 
 
 def _verdict(found: Mapping[str, Any]) -> str:
