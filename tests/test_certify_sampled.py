@@ -1,52 +1,37 @@
 from __future__ import annotations
-from flint import arb
-from flint import arb_series
-from fractions import Fraction
-from maglev_design import linear_loop as loops
-from maglev_design.certification.intervals import sampled_limits
-from maglev_design.certification.intervals.arithmetic import OPERATORS
-from maglev_design.certification.intervals.arithmetic import between
-from maglev_design.certification.intervals.arithmetic import number
-from maglev_design.certification.intervals.arithmetic import working
-from maglev_design.certification.intervals.jets import coefficients
-from maglev_design.certification.intervals.jets import variable
-from maglev_design.certification.intervals.jets import widened
-from maglev_design.certification.intervals.positivity import positive
-from maglev_design.certification.intervals.sampled import Setting
-from maglev_design.certification.intervals.sampled import enclose
-from maglev_design.certification.intervals.sampled import setting
-from maglev_design.certification.intervals.sampled import timing
-from maglev_design.certification.intervals.sampled_interval import sampled_ratios_at
-from maglev_design.certification.intervals.sampled_limits import LimitStatus
-from maglev_design.certification.intervals.sampled_limits import largest_delay
-from maglev_design.certification.intervals.sampled_limits import largest_period
-from maglev_design.certification.intervals.sampled_path import nominal_quotients
-from maglev_design.certification.intervals.sampled_path import proved_over
-from maglev_design.certification.intervals.sampled_path import proved_piece
-from maglev_design.certification.intervals.sampled_path import sampled_ratios_over
-from maglev_design.certification.rationals import decimal
-from maglev_design.controller.design import Design
-from maglev_design.controller.design import PoleSpec
-from maglev_design.controller.design import believed_equilibrium
-from maglev_design.controller.design import make_design
-from maglev_design.controller.family import Family
-from maglev_design.controller.family import family_of
-from maglev_design.options import CONTROLLERS
-from maglev_design.options import Controller
-from maglev_design.options import EQUILIBRIA
-from maglev_design.options import Equilibrium
-from maglev_design.options import METHODS
-from maglev_design.options import Method
-from maglev_design.rig import Rig
-from maglev_design.rig import load_rig
-from rigs import OFFSET
-from rigs import SHORT
-from rigs import rig_with
-from typing import Any
+
 import math
+from fractions import Fraction
+from typing import Any
+
 import numpy as np
 import pytest
+from flint import arb, arb_series
+from rigs import OFFSET, SHORT, rig_with
 
+from maglev_design import linear_loop as loops
+from maglev_design.certification.intervals import sampled_limits
+from maglev_design.certification.intervals.arithmetic import OPERATORS, between, number, working
+from maglev_design.certification.intervals.jets import coefficients, variable, widened
+from maglev_design.certification.intervals.positivity import positive
+from maglev_design.certification.intervals.sampled import Setting, enclose, setting, timing
+from maglev_design.certification.intervals.sampled_interval import sampled_ratios_at
+from maglev_design.certification.intervals.sampled_limits import (
+    LimitStatus,
+    largest_delay,
+    largest_period,
+)
+from maglev_design.certification.intervals.sampled_path import (
+    nominal_quotients,
+    proved_over,
+    proved_piece,
+    sampled_ratios_over,
+)
+from maglev_design.certification.rationals import decimal
+from maglev_design.controller.design import Design, PoleSpec, believed_equilibrium, make_design
+from maglev_design.controller.family import Family, family_of
+from maglev_design.options import CONTROLLERS, EQUILIBRIA, METHODS, Controller, Equilibrium, Method
+from maglev_design.rig import Rig, load_rig
 
 PAPER, POLES = load_rig("belmonte2021"), PoleSpec.double(1, 70)
 PATH = (0.012, 0.0246)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import maglev_design
+from maglev_design.linear_loop import loop_of
 from maglev_design.record import DesignRecord
 
 DOOR = sorted(set(maglev_design.__all__) - {"__version__"})
@@ -55,5 +56,7 @@ def test_a_record_answers_with_systems_of_python_control(tuned_record: DesignRec
     law, plant = tuned_record.controller(), tuned_record.plant()
     assert (law.dt, plant.dt) == (tuned_record.rig.sampling.period, 0)
     loop = control.feedback(control.c2d(plant, law.dt) * law, sign=1)
-    known = loop_of(tuned_record.rig, tuned_record.design).characteristic
-    expected = np.roots(known([], law.dt, 1.0)[0].full().ravel())
+    design = tuned_record.design
+    linear = loop_of(tuned_record.rig, design)
+    row, _ = linear.characteristic(design.poles.values, design.Y, 1.0)
+    assert np.poly([*loop.poles(), 0.0]) == pytest.approx(row.full().ravel() / float(row[0]), rel=1e-6)

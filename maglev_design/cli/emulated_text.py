@@ -1,17 +1,14 @@
 """What a person reads about a design on the emulated rig."""
 
 from __future__ import annotations
-from collections.abc import Mapping
-from maglev_design.cli.output import number
-from maglev_design.cli.output import plain
-from maglev_design.cli.output import table
-from maglev_design.reporting.chapter_emulated import emulated_rows
-from maglev_design.reporting.chapter_emulated import is_lost
-from maglev_design.reporting.chapter_emulated import parts_of
-from maglev_design.reporting.content import Quantity
-from maglev_design.reporting.content import Runs
-from typing import Any
+
 import sys
+from collections.abc import Mapping
+from typing import Any
+
+from maglev_design.cli.output import number, plain, table
+from maglev_design.reporting.chapter_emulated import emulated_rows, is_lost, parts_of
+from maglev_design.reporting.content import Quantity, Runs
 
 
 def emulated_warnings(document: dict[str, Any]) -> list[str]:
