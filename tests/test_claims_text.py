@@ -148,9 +148,9 @@ def test_an_ordering_says_on_what_it_depends() -> None:
 
 
 def test_the_comparison_page_escapes_the_rig_and_shows_the_figures() -> None:
-    page = comparison_text.markdown(COMPARISON, "maglev-design compare", ["figure_03.png"])
+    page = comparison_text.markdown(COMPARISON, "maglev-design compare", ["figure_03.svg"])
     assert "<script>" not in page.replace("\\<script\\>", "")
-    assert "(figure_03.png)" in page
+    assert "(figure_03.svg)" in page
     assert "Counterpart of Fig. 3" in page
     widths = {line.count("|") - line.count("\\|") for line in page.splitlines() if line[:2] == "| "}
     assert widths == {9, 8, 7, 6}

@@ -260,7 +260,7 @@ def test_a_tuning_is_saved_replayed_and_repeated(tmp_path: Path) -> None:
     assert all({"name", "limit", "value", "satisfied"} <= set(c) for c in found["constraints"])
     assert set(found["verification"]) >= {"integrator", "itae", "relative_difference"}
     first = contents(folder)
-    assert {"design.json", "design.npz", "tracking.png", "landscape.svg"} <= set(first)
+    assert {"design.json", "design.npz", "tracking.svg", "landscape.svg"} <= set(first)
     assert all(name in done.stderr for name in first if not name.startswith("."))
 
     ratio = found["worst_case"]["ratio"]

@@ -121,7 +121,7 @@ def test_both_loops_are_certified_and_the_region_contradicts_no_simulation(
     assert region["contradictions"] == []
     assert 0 < region["share_of_simulated"] < 1
     written = {p.name for p in path.parent.iterdir()}
-    assert {"certificate.json", "region.png", "region.svg"} <= written
+    assert {"certificate.json", "region.svg"} <= written
 
 
 def test_the_written_certificate_is_checked_and_a_changed_one_is_not_believed(

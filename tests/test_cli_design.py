@@ -241,7 +241,7 @@ def test_the_papers_placement_is_judged_saved_and_read_back(tmp_path: Path) -> N
     saved = record.load(folder)
     assert saved.design == make_design(load_rig("belmonte2021"), PoleSpec.double(1, 70))
     assert document["controller_sha256"] == saved.design.sha256
-    assert {"tracking.png", "error.png", "voltage.png"} <= {x.name for x in folder.iterdir()}
+    assert {"tracking.svg", "error.svg", "voltage.svg"} <= {x.name for x in folder.iterdir()}
     assert doubts(saved) == ()
 
 

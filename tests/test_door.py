@@ -59,4 +59,6 @@ def test_a_record_answers_with_systems_of_python_control(tuned_record: DesignRec
     design = tuned_record.design
     linear = loop_of(tuned_record.rig, design)
     row, _ = linear.characteristic(design.poles.values, design.Y, 1.0)
-    assert np.poly([*loop.poles(), 0.0]) == pytest.approx(row.full().ravel() / float(row[0]), rel=1e-6)
+    assert np.poly([*loop.poles(), 0.0]) == pytest.approx(
+        row.full().ravel() / float(row[0]), rel=1e-6
+    )

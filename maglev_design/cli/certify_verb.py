@@ -166,7 +166,7 @@ def _figures(region: _Region | None, folder: Path) -> tuple[Path, ...]:
     title = f"Initial errors that the continuous law survives, regulating at {gap}"
     with house_style():
         figure = region_figure(curves, title)
-        return tuple(save_figure(figure, folder / f"region{end}") for end in (".png", ".svg"))
+        return (save_figure(figure, folder / "region.svg"),)
 
 
 def _subject(options: CertifyOptions) -> tuple[Any, float | None]:

@@ -135,7 +135,7 @@ def _write(
 
     curves = {test: [vars(curve) for curve in shown] for test, shown in found.curves.items()}
     figures = comparison_figures(document, curves, folder)
-    page = markdown(document, command, [f.name for f in figures if f.suffix == ".png"])
+    page = markdown(document, command, [f.name for f in figures])
     paths = (folder / "comparison.json", folder / "comparison.md")
     for path, content in zip(paths, (json_bytes(document, 1), page.encode()), strict=True):
         write_bytes(path, content)

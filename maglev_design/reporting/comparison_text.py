@@ -244,12 +244,12 @@ def markdown(document: Mapping[str, Any], command: str, figures: Sequence[str]) 
 
 
 CAPTIONS = {
-    f"figure_{number:02}.png": f"Counterpart of Fig. {number}: {what}, {test}."
+    f"figure_{number:02}.svg": f"Counterpart of Fig. {number}: {what}, {test}."
     for first, test in ((3, "test 1"), (6, "test 2"), (9, "test 3"), (15, "emulated rig"))
     for number, what in ((first, "gap"), (first + 1, "tracking error"), (first + 2, "voltage"))
 } | {
-    "figure_12.png": "Counterpart of Fig. 12: ISE, IAE and ITAE in the three tests.",
-    "figure_18.png": "Counterpart of Fig. 18 on the emulated rig: ISE, IAE and ITAE.",
+    "figure_12.svg": "Counterpart of Fig. 12: ISE, IAE and ITAE in the three tests.",
+    "figure_18.svg": "Counterpart of Fig. 18 on the emulated rig: ISE, IAE and ITAE.",
 }
 
 

@@ -67,9 +67,7 @@ def comparison_figures(
         if "emulator" in titles:
             drawings["figure_18"] = index_figure(document, ["emulator"])
         written = [
-            save_figure(figure, folder / f"{name}{end}")
-            for name, figure in sorted(drawings.items())
-            for end in (".png", ".svg")
+            save_figure(figure, folder / f"{name}.svg") for name, figure in sorted(drawings.items())
         ]
     return tuple(written)
 

@@ -230,9 +230,8 @@ def drawable(curves: Curves) -> tuple[str, ...]:
 
 def design_figures(curves: Curves, document: Mapping[str, Any], folder: Path) -> tuple[Path, ...]:
     """Write every figure of a design record into `folder`; return the paths."""
-    written: list[Path] = []
     with house_style():
-        for name in drawable(curves):
-            figure = DRAWINGS[name](curves, document)
-            written += [save_figure(figure, folder / f"{name}{end}") for end in (".png", ".svg")]
-    return tuple(written)
+        return tuple(
+            save_figure(DRAWINGS[name](curves, document), folder / f"{name}.svg")
+            for name in drawable(curves)
+        )
