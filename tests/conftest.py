@@ -13,6 +13,8 @@ from hypothesis import HealthCheck, settings
 from rigs import OFFSET, SHORT, rig_with
 
 from maglev_design.controller.design import PoleSpec
+from maglev_design.paper import claims
+from maglev_design.paper.ledger import Claim, chosen
 from maglev_design.paper.survey import Row, survey
 from maglev_design.record import DesignRecord
 from maglev_design.rig import Rig, load_rig
@@ -75,3 +77,15 @@ def tuned_record() -> DesignRecord:
 def short_survey(short_rig: Rig) -> tuple[Row, ...]:
     """Every reading of the paper on the 0.4 s path."""
     return once.once("short_survey", lambda: survey(short_rig))
+
+
+@pytest.fixture(scope="session")
+def paper_claims(paper_rig: Rig, short_survey: tuple[Row, ...]) -> tuple[Claim, ...]:
+    """The ledger of the paper's rig and six others; what many runs decide, on the short path."""
+
+    def made() -> tuple[Claim, ...]:
+        grounds = claims.Grounds(paper_rig, rigs=6, seed=17)
+        grounds.__dict__["rows"] = short_survey
+        return tuple(claims.judged(chosen(None), grounds))
+
+    return once.once("paper_claims", made)

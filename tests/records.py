@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any
 
+from once import once
 from recorded import recorded
 from rigs import SHORT, rig_with
 
@@ -23,12 +23,15 @@ HOSTILE = (
 """A name that would break every form if it were not escaped."""
 
 
-@cache
 def tuned() -> DesignRecord:
     """Return a tuned design of a rig that is no preset, with all that a record can hold.
 
     The trade-off has one and the same certified error everywhere; nothing but its drawing is read.
     """
+    return once("tuned", _tuned)
+
+
+def _tuned() -> DesignRecord:
     problem = build_problem(
         rig_with(SHORT, {"uncertainty.beta": 0.1, "sampling.period": 0.002, "name": "short"})
     )

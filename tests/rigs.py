@@ -34,6 +34,46 @@ SHORT: dict[str, Any] = {
 }
 """A quick move of the ball of the paper: 400 samples."""
 
+QUICK: dict[str, Any] = {
+    **MINIMAL,
+    "sampling": {"period": 0.002},
+    "initial": {"gap": 0.0246},
+    "reference": {
+        "start_gap": 0.0242,
+        "end_gap": 0.0180,
+        "start_time": 0.05,
+        "end_time": 0.35,
+        "horizon": 0.4,
+    },
+    "limits": {"voltage": [0.0, 5.0], "gap": [0.001, 0.05]},
+    "noise": {"input": 1e-3, "position": 1e-6},
+    "uncertainty": {"beta": 0.1},
+}
+"""The ball of the paper moved in 0.3 s: 200 samples."""
+
+STUBBORN: dict[str, Any] = {
+    "plant": {
+        "mass": 0.0157,
+        "gravity": 3.71,
+        "current_gain": 1.81,
+        "force_constant": 3.239e-07,
+    },
+    "operating_point": {"gap": 0.00467},
+    "initial": {"gap": 0.00486},
+    "reference": {
+        "start_gap": 0.00479,
+        "end_gap": 0.0028,
+        "start_time": 0.3,
+        "end_time": 1.66,
+        "horizon": 2.06,
+    },
+    "sampling": {"period": 0.002, "delay": 0.0034, "method": "zoh"},
+    "limits": {"voltage": [0.0, 3.2], "gap": [0.00056, 0.00958]},
+    "noise": {"input": 0.001, "position": 2.79e-06},
+    "uncertainty": {"beta": 0.05},
+}
+"""Feasible but for Ms: a dense search finds 3.32 at (1.73, 26.2), and nothing much below."""
+
 OFFSET: dict[str, Any] = {
     "plant": {
         "mass": 0.057,

@@ -7,6 +7,7 @@ when the workers have to finish at the same time.
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -74,11 +75,7 @@ def scheduler(config: Any, log: Any) -> Any:
     The marks of `--dist=loadgroup` would do, but not with every pytest: they are written into the
     names of the tests, which pytest from 9.1 on does not let change.
     """
-    from xdist.scheduler import LoadScopeScheduling  # noqa: PLC0415 - only there with workers
-
-    class ByWhatIsShared(LoadScopeScheduling):  # type: ignore[misc]
-        def _split_scope(self, nodeid: str) -> str:
-            return scope(nodeid)
-
+    found = import_module("xdist.scheduler").LoadScopeScheduling(config, log)
+    found._split_scope = scope
     config.option.loadscopereorder = False
-    return ByWhatIsShared(config, log)
+    return found

@@ -282,10 +282,11 @@ def test_a_rig_on_which_nothing_moves_says_so_first(tmp_path: Path) -> None:
         "[plant]\nmass = 0.2\ngravity = 9.81\ncurrent_gain = 1.0\nforce_constant = 3.13e-4\n"
         "[operating_point]\ngap = 0.0263668\n[sampling]\nperiod = 0.002\n"
     )
-    done = run("tune", "--rig", str(path), "--baseline", "1", "60")
+    arguments = ("tune", "--rig", str(path), "--baseline", "1", "60", "--omega-bounds", "40", "90")
+    done = run(*arguments)
     assert done.stdout.startswith("Nothing moves on this rig")
     assert "+0.527 mm" in done.stdout.splitlines()[0]
-    found = document(run("tune", "--rig", str(path), "--baseline", "1", "60", "--json"))
+    found = document(run(*arguments, "--json"))
     assert found["excitation"]["initial_gap"] == found["rig"]["initial"]["gap"] > 0.0263668
     assert found["worst_case"]["itae"] > 0
     assert set(found["baseline"]) >= {"zeta", "omega_n", "worst_case"}
@@ -303,7 +304,8 @@ def test_a_place_that_is_not_ours_is_refused_before_any_work(tmp_path: Path, pla
 
 
 def test_limits_that_cannot_be_met_end_with_three_and_name_the_tightest(tmp_path: Path) -> None:
-    done = run("tune", "--rig", rig_file(tmp_path), "--max-ms", "1.05", "--json", code=3)
+    box = ("--zeta-bounds", "0.7", "1.5", "--omega-bounds", "50", "120")
+    done = run("tune", "--rig", rig_file(tmp_path), *box, "--max-ms", "1.05", "--json", code=3)
     assert "tightest limit is Ms" in done.stderr
     assert "would do" in done.stderr
     found = document(done)

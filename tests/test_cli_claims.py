@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,17 +12,28 @@ from test_cli_paper import here, refused
 from typer.testing import CliRunner
 
 from maglev_design.cli import app
-from maglev_design.paper.ledger import chosen, statements
+from maglev_design.paper import claims
+from maglev_design.paper.ledger import Claim, Statement, chosen, statements
+from maglev_design.rig import Rig
 
 VERDICTS = {"verified", "corrected", "contradicted", "not-checkable"}
 
 
 @pytest.fixture(scope="module")
-def judged(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
-    folder = tmp_path_factory.mktemp("claims")
-    out = folder / "out"
-    rig = rig_file(folder, period=0.001)
-    found = here("claims", "--rig", rig, "--rigs", "2", "-o", str(out))
+def judged(
+    tmp_path_factory: pytest.TempPathFactory, paper_rig: Rig, paper_claims: tuple[Claim, ...]
+) -> tuple[Path, dict[str, Any]]:
+    """The ledger of the paper's rig, as it was judged for all tests."""
+    out = tmp_path_factory.mktemp("claims") / "out"
+
+    def known(wanted: Sequence[Statement], grounds: claims.Grounds) -> list[Claim]:
+        assert (grounds.rig, grounds.rigs, grounds.seed) == (paper_rig, 6, 17)
+        by_id = {claim.id: claim for claim in paper_claims}
+        return [by_id[said.id] for said in wanted]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(claims, "judged", known)
+        found = here("claims", "--rigs", "6", "--seed", "17", "-o", str(out))
     assert next(iter(found)) == "schema_version"
     assert found["schema_version"] == 1
     return out, found

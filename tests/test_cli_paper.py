@@ -146,8 +146,8 @@ def test_compare_writes_a_page_with_every_figure(compared: tuple[Path, dict[str,
 def test_compare_gives_the_same_bytes_again(tmp_path: Path) -> None:
     rig = emulated_rig(tmp_path)
     quick = ("--no-survey", "--no-tuned", "--no-variants", "--seeds", "2")
-    for name in ("one", "two"):
-        run("compare", "--rig", rig, *quick, "-o", str(tmp_path / name))
+    run("compare", "--rig", rig, *quick, "-o", str(tmp_path / "one"))
+    here("compare", "--rig", rig, *quick, "-o", str(tmp_path / "two"))
     assert contents(tmp_path / "one") == contents(tmp_path / "two")
 
 

@@ -27,7 +27,6 @@ from maglev_design.paper import (
     theory_path,
     theory_stability,
 )
-from maglev_design.paper.claims import Grounds, judged
 from maglev_design.paper.ledger import JUDGES, Claim, Verdict, statements
 from maglev_design.paper.printed import residual_is_zero
 from maglev_design.paper.rigs import random_rigs
@@ -109,9 +108,8 @@ def tried(paper_rig: Rig) -> tuple[TriedRig, ...]:
 
 
 @pytest.fixture(scope="module")
-def claims(paper_rig: Rig) -> dict[str, Claim]:
-    found = judged([statements()[name] for name in VERDICTS], Grounds(paper_rig, 6, 17))
-    return {claim.id: claim for claim in found}
+def claims(paper_claims: tuple[Claim, ...]) -> dict[str, Claim]:
+    return {claim.id: claim for claim in paper_claims if claim.id in VERDICTS}
 
 
 @pytest.fixture

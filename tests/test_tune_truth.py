@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 import pytest
-from rigs import MINIMAL, changed, rig_with
+from rigs import MINIMAL, QUICK, STUBBORN, rig_with
 
 from maglev_design.controller.design import PoleSpec, fastest_unstable_pole
 from maglev_design.errors import InputError
@@ -25,42 +25,6 @@ from maglev_design.tuning import (
 from maglev_design.tuning.cautions import cautions
 from maglev_design.tuning.evaluation import run
 
-QUICK: dict[str, Any] = {
-    **MINIMAL,
-    "sampling": {"period": 0.002},
-    "reference": {
-        "start_gap": 0.0242,
-        "end_gap": 0.0180,
-        "start_time": 0.05,
-        "end_time": 0.35,
-        "horizon": 0.4,
-    },
-    "limits": {"voltage": [0.0, 5.0], "gap": [0.001, 0.05]},
-    "noise": {"input": 1e-3, "position": 1e-6},
-    "uncertainty": {"beta": 0.1},
-}
-STUBBORN: dict[str, Any] = {
-    "plant": {
-        "mass": 0.0157,
-        "gravity": 3.71,
-        "current_gain": 1.81,
-        "force_constant": 3.239e-07,
-    },
-    "operating_point": {"gap": 0.00467},
-    "initial": {"gap": 0.00486},
-    "reference": {
-        "start_gap": 0.00479,
-        "end_gap": 0.0028,
-        "start_time": 0.3,
-        "end_time": 1.66,
-        "horizon": 2.06,
-    },
-    "sampling": {"period": 0.002, "delay": 0.0034, "method": "zoh"},
-    "limits": {"voltage": [0.0, 3.2], "gap": [0.00056, 0.00958]},
-    "noise": {"input": 0.001, "position": 2.79e-06},
-    "uncertainty": {"beta": 0.05},
-}
-"""Feasible but for Ms: a dense search finds 3.32 at (1.73, 26.2), and nothing much below."""
 STUBBORN_MS = 3.32
 HUMUSOFT_SATURATED = 1.3855e-7
 """[m s^2] Of a dense search by another program."""
@@ -255,7 +219,7 @@ def test_the_hint_where_only_the_proof_is_missing_is_to_do_without() -> None:
 
 
 def test_a_period_too_long_is_told_with_its_product() -> None:
-    rig = rig_with(changed(QUICK, {"sampling.period": 0.06}))
+    rig = rig_with(QUICK, {"sampling.period": 0.06})
     found = solve(build_problem(rig))
     assert isinstance(found, Unstabilisable)
     assert f"p T = {fastest_unstable_pole(rig) * 0.06:.2g} " in str(found)
