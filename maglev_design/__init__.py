@@ -16,7 +16,8 @@ The main job, from a rig to a controller in C that was checked:
 ...     verify(Path(folder) / "controller").passed
 True
 
-Every name of this page is loaded when it is used. What is not on it, the rooms behind it, is open
+Every name of this page is loaded when it is used; the functions are told in
+:mod:`maglev_design.chain`. What is not on it, the rooms behind it, is open
 to read and to import, and may change: ``maglev_design.symbolic`` states the mathematics,
 ``lowering`` and ``programs`` carry it to numbers, ``controller`` and ``linear_loop`` hold one
 controller and its linear loop, ``simulation``, ``tuning``, ``sweeping`` and ``certification`` do
@@ -51,7 +52,6 @@ _HOME = dict.fromkeys(_CHAIN, "chain") | {
     "load": "record",
     "load_rig": "rig",
 }
-__all__ = ["__version__", *sorted(_HOME)]  # noqa: PLE0604
 
 
 def __getattr__(name: str) -> Any:
@@ -63,4 +63,4 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     """Return the names of this page."""
-    return __all__
+    return ["__version__", *sorted(_HOME)]

@@ -15,7 +15,7 @@ import maglev_design
 from maglev_design.linear_loop import loop_of
 from maglev_design.record import DesignRecord
 
-DOOR = sorted(set(maglev_design.__all__) - {"__version__"})
+DOOR = sorted(set(dir(maglev_design)) - {"__version__"})
 VERBS = [name for name in DOOR if name.islower()]
 
 
