@@ -8,7 +8,7 @@ The main job, from a rig to a controller in C that was checked:
 >>> rig = load_rig("belmonte2021")
 >>> tuned = tune(rig)
 >>> f"{tuned.document['worst_case']['itae']:.3g} m s^2 at the worst beta of +-15 %"
-'9.94e-06 m s^2 at the worst beta of +-15 %'
+'9.93e-06 m s^2 at the worst beta of +-15 %'
 >>> simulate(rig, tuned.design, ratio=1.15).crash is None, certify(rig, tuned.design).certified
 (True, True)
 >>> with TemporaryDirectory() as folder:

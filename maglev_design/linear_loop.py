@@ -22,17 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from maglev_design import programs
 from maglev_design.controller import design as designs
 from maglev_design.controller.design import Believed, Design
 from maglev_design.controller.family import Family
 from maglev_design.options import TAN_GPI, Controller, Method
-from maglev_design.programs import (
-    gains_program,
-    hurwitz_program,
-    plant_program,
-    sampled_loop_program,
-    slope_program,
-)
 from maglev_design.rig import Rig
 
 Array = NDArray[np.float64]
@@ -143,13 +137,13 @@ def build_loop(
 
     beta = believed.beta / ratio
     placed = (
-        gains_program(controller).casadi(*ca.vertsplit(poles))
+        programs.gains_program(controller).casadi(*ca.vertsplit(poles))
         if gains is None
         else [ca.SX(k) for k in gains]
     )
     offset = plant.gap_offset
-    held, c_u, c_y = plant_program().casadi(plant.gravity, beta, offset, gap)
-    slope, believed_gain = slope_program(controller).casadi(
+    held, c_u, c_y = programs.plant_program().casadi(plant.gravity, beta, offset, gap)
+    slope, believed_gain = programs.slope_program(controller).casadi(
         held, gap, believed.beta, offset, believed.C_U
     )
     gain = c_u * slope
@@ -166,7 +160,9 @@ def build_loop(
     coefficients = ca.vertcat(*closed)
     effort = [slope * x for x in parts["effort"]] + late
     noise = ca.sqrt(_mean_square(effort, closed))
-    shares = hurwitz_program(controller).casadi(gain / believed_gain, c_y, believed.C_Y, *placed)
+    shares = programs.hurwitz_program(controller).casadi(
+        gain / believed_gain, c_y, believed.C_Y, *placed
+    )
     margin = ca.mmin(ca.vertcat(*shares))
     return Loop(
         period=period,
@@ -188,7 +184,7 @@ def build_loop(
 
 def _sampled(method: Method, controller: Controller, *known: Any) -> dict[str, list[Any]]:
     """Return the polynomials of :func:`maglev_design.symbolic.stability.sampled_loop` by name."""
-    lowered = sampled_loop_program(method, controller)
+    lowered = programs.sampled_loop_program(method, controller)
     parts: dict[str, list[Any]] = {}
     for name, value in zip(lowered.outputs, lowered.casadi(*known), strict=True):
         parts.setdefault(name.rstrip("0123456789"), []).append(value)

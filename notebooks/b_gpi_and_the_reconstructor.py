@@ -44,11 +44,9 @@ from maglev_design.options import Controller
 from maglev_design.paper.theory_disturbances import error_of_disturbance, lasting
 from maglev_design.paper.theory_law import pid_numbers
 from maglev_design.paper.theory_linear import (
-    Case,
+    TriedRig,
     answer,
-    bounded_matrix,
     linear_loop,
-    printed_matrix,
 )
 from maglev_design.reporting.plots.style import BLUE, GREEN, GREY, RED, STYLE, WIDTH
 from maglev_design.rig import load_rig
@@ -77,7 +75,7 @@ def equation(left, right):
 
 rig = load_rig("belmonte2021")
 design = make_design(rig, PoleSpec.double(1.0, 70.0))
-loop = linear_loop(Case(rig, design.poles))
+loop = linear_loop(TriedRig(rig, design.poles))
 print(dict(zip(("k0", "k1", "k2", "k3"), design.gains, strict=True)))
 
 # %% [markdown]
@@ -227,7 +225,7 @@ assert np.allclose(response, filtered, rtol=1e-12)
 # cancel as integrators at $s = 0$. Put the printed law around the linear plant and count poles:
 
 # %%
-matrix, reference = printed_matrix(loop)
+matrix, reference = loop.printed
 for value in sorted(np.linalg.eigvals(matrix), key=lambda x: x.real):
     print(f"{value.real:9.3f} {value.imag:+8.3f}j")
 
@@ -241,7 +239,7 @@ step = rig.reference.end_gap - rig.operating_point.gap
 times = np.linspace(0, 0.5, 120)
 held = np.array([answer(matrix, reference * step, np.zeros(6), 0, t) for t in times])
 # The same loop with two states: errors start at -step, because the ball starts at Y.
-small = bounded_matrix(loop)
+small = loop.bounded
 start = np.array([-step, 0.0, 0.0, 0.0])
 calm = np.array([answer(small, np.zeros(4), start, 0, t) for t in times])
 
@@ -365,7 +363,7 @@ assert math.isclose(left_over, k3 / k0, rel_tol=1e-6)
 
 # %%
 slower = make_design(rig, PoleSpec.double(1.0, 40.0))
-slow = pid_numbers(linear_loop(Case(rig, slower.poles)))
+slow = pid_numbers(linear_loop(TriedRig(rig, slower.poles)))
 print("K_p = {:.1f} V/m, K_i = {:.0f} V/(m s), K_d = {:.3f} V s/m, N = {:g} rad/s".format(*slow))
 high = slow[0] + slow[2] * slow[3]
 print(f"gain at high frequency {high:.0f} V/m, before {kp + kd * pole:.0f} V/m")

@@ -49,7 +49,7 @@ from maglev_design.controller.design import PoleSpec, make_design, plant_beta, v
 from maglev_design.derivation import NOTATION
 from maglev_design.options import EQUILIBRIA
 from maglev_design.paper.theory_appendix import bounds
-from maglev_design.paper.theory_linear import Case, bounded_matrix, linear_loop
+from maglev_design.paper.theory_linear import TriedRig, linear_loop
 from maglev_design.reporting.plots.style import BLUE, GREEN, GREY, RED, STYLE, WIDTH
 from maglev_design.rig import load_rig, make_rig
 from maglev_design.simulation import Scenario, loop_for, simulate
@@ -169,7 +169,7 @@ assert bound.subs(p.zeta, 1) == sp.Rational(1, 5)
 # the text:
 
 # %%
-loop = linear_loop(Case(rig, poles))
+loop = linear_loop(TriedRig(rig, poles))
 readings = bounds(loop)
 for name, value in readings.items():
     print(f"mu > {value:10.4f}   {name}")
@@ -189,10 +189,8 @@ assert [name for name, value in readings.items() if math.isclose(value, 0.2)] ==
 
 def spectrum(value):
     """Return the poles of the loop at Y under Appendix A's reading, mu = `value`."""
-    case = Case(rig, poles)
-    return np.linalg.eigvals(
-        bounded_matrix(linear_loop(case, ratio=1 / value, reading="appendix-a"))
-    )
+    case = TriedRig(rig, poles)
+    return np.linalg.eigvals(linear_loop(case, ratio=1 / value, reading="appendix-a").bounded)
 
 
 figure, axes = plt.subplots(figsize=(WIDTH, 3.2), layout="constrained")
@@ -397,10 +395,10 @@ assert span.contains(Fraction(1))
 # %%
 (damping,) = [x for x in sp.solve(4 * p.zeta**2 + 1 - sp.Rational("2.63"), p.zeta) if x > 0]
 print(f"zeta = {float(damping):.4f}")
-lightly = Case(rig, PoleSpec.double(float(damping), 70.0))
+lightly = TriedRig(rig, PoleSpec.double(float(damping), 70.0))
 for factor, sign in ((0.99, -1), (1.01, 1)):
     at = linear_loop(lightly, ratio=2.63 * factor, reading="appendix-a")
-    assert np.sign(np.linalg.eigvals(bounded_matrix(at)).real.max()) == sign
+    assert np.sign(np.linalg.eigvals(at.bounded).real.max()) == sign
 
 # %% [markdown]
 # **2.** $s^4 + s^3 + s^2 + s + 1$: all coefficients are one, the roots are four of the five fifth
@@ -424,6 +422,6 @@ for speed in (70.0, 30.0):
     print(f"omega_n = {speed:g}: stable up to {span.upper.exact} m")
     assert sp.Rational(span.upper.exact) == 5 * sp.Rational("0.0246")
 # At 5.05 Y the plant itself is slower than at Y, and the loop all the same too weak to hold it.
-beyond = linear_loop(Case(rig, poles), gap=5.05 * Y)
+beyond = linear_loop(TriedRig(rig, poles), gap=5.05 * Y)
 assert beyond.c_y < loop.c_y
-assert np.linalg.eigvals(bounded_matrix(beyond)).real.max() > 0
+assert np.linalg.eigvals(beyond.bounded).real.max() > 0

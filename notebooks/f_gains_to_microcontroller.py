@@ -57,7 +57,7 @@ from maglev_design.exporting import export_folder
 from maglev_design.exporting.verify import verify_folder
 from maglev_design.options import METHODS
 from maglev_design.paper.theory_law import hold_drift
-from maglev_design.paper.theory_linear import Case, linear_loop
+from maglev_design.paper.theory_linear import TriedRig, linear_loop
 from maglev_design.programs import acceleration_program, law, step_program
 from maglev_design.record import make_record
 from maglev_design.reporting.plots.style import BLUE, GREEN, GREY, RED, STYLE, WIDTH
@@ -377,7 +377,7 @@ assert np.abs(u_single - u_double).max() < 5 * digit * design.coefficients["d"]
 # hour. The estimate multiplies them by $k_3$, so their last digit becomes a step of the voltage:
 
 # %%
-drift = hold_drift(linear_loop(Case(rig, poles)), rig.reference.end_gap - Y)
+drift = hold_drift(linear_loop(TriedRig(rig, poles)), rig.reference.end_gap - Y)
 for minutes in (1, 10, 60, 24 * 60):
     held = np.float32(abs(drift[1]) * 60 * minutes)
     jump = k3 * float(np.spacing(held))

@@ -136,17 +136,19 @@ def test_compare_writes_a_page_with_every_figure(compared: tuple[Path, dict[str,
     for number in (*range(3, 13), 15, 16, 17, 18):
         name = f"figure_{number:02}"
         assert (folder / f"{name}.svg").stat().st_size > 1000
-        assert (folder / f"{name}.svg").stat().st_size > 1000
         assert f"({name}.svg)" in page
     assert "</script>" not in page.replace("\\</script\\>", "")
     assert str(folder) not in page
     assert "maglev-design compare --rig quick.toml --seeds 2 --json" in page
 
 
-def test_compare_gives_the_same_bytes_again(tmp_path: Path) -> None:
+def test_compare_gives_the_same_bytes_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     rig = emulated_rig(tmp_path)
     quick = ("--no-survey", "--no-tuned", "--no-variants", "--seeds", "2")
     run("compare", "--rig", rig, *quick, "-o", str(tmp_path / "one"))
+    monkeypatch.setattr("sys.argv", ["maglev-design", "compare", "--rig", rig, *quick])
     here("compare", "--rig", rig, *quick, "-o", str(tmp_path / "two"))
     assert contents(tmp_path / "one") == contents(tmp_path / "two")
 

@@ -6,15 +6,17 @@ import sys
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from maglev_design.cli.arguments import flag
 from maglev_design.cli.certify_tables import print_assessment
-from maglev_design.cli.commands.certify import CertifyOptions
 from maglev_design.cli.output import json_bytes, print_json, progress_bar, say, table, warn
 from maglev_design.errors import InputError, VerificationError
 from maglev_design.files import finite, output_folder, write_bytes
 from maglev_design.options import SCHEMA_VERSION, TAN_GPI, Controller
+
+if TYPE_CHECKING:
+    from maglev_design.cli.commands.certify import CertifyOptions
 
 RESULT, CERTIFICATE = "robustness.json", "certificate.json"
 

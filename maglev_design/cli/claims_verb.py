@@ -5,9 +5,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from maglev_design.cli.commands.claims import ClaimsOptions
 from maglev_design.cli.output import (
     json_bytes,
     print_json,
@@ -24,6 +23,9 @@ from maglev_design.paper.ledger import Claim, chosen
 from maglev_design.record import rig_as_data
 from maglev_design.reporting.claims_text import details, markdown, summary_rows, tally
 from maglev_design.rig import Rig, load_rig
+
+if TYPE_CHECKING:
+    from maglev_design.cli.commands.claims import ClaimsOptions
 
 
 def list_claims(options: ClaimsOptions) -> None:

@@ -6,9 +6,8 @@ import math
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from maglev_design.cli.commands.compare import CompareOptions
 from maglev_design.cli.output import json_bytes, print_json, progress_bar, say, table, typed, warn
 from maglev_design.controller.design import PoleSpec, check_path_voltage
 from maglev_design.errors import InputError
@@ -28,6 +27,9 @@ from maglev_design.reporting.comparison_text import (
 )
 from maglev_design.rig import Emulator, Rig, load_rig
 from maglev_design.tuning import TuneResult, build_problem, solve
+
+if TYPE_CHECKING:
+    from maglev_design.cli.commands.compare import CompareOptions
 
 
 def compare_controllers(options: CompareOptions) -> None:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from maglev_design.cli import tune_verb
-from maglev_design.cli.commands.design import DesignOptions
 from maglev_design.cli.law import chosen_law
 from maglev_design.cli.output import number, print_json, progress_bar, say
 from maglev_design.controller.design import PoleSpec, believed_equilibrium, check_path_voltage
@@ -14,6 +13,9 @@ from maglev_design.errors import InfeasibleError, InputError
 from maglev_design.files import output_folder
 from maglev_design.options import Controller
 from maglev_design.rig import Rig
+
+if TYPE_CHECKING:
+    from maglev_design.cli.commands.design import DesignOptions
 
 
 def design(options: DesignOptions) -> None:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from maglev_design.cli.commands.export import ExportOptions
+from typing import TYPE_CHECKING
+
 from maglev_design.cli.output import print_json, say, table, warn
 from maglev_design.exporting import export_folder
 from maglev_design.record import load
+
+if TYPE_CHECKING:
+    from maglev_design.cli.commands.export import ExportOptions
 
 
 def export(options: ExportOptions) -> None:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from maglev_design.cli.commands.certify import CertifyOptions
-from maglev_design.cli.commands.design import DesignOptions
-from maglev_design.cli.commands.simulate import SimulateOptions
-from maglev_design.cli.commands.sweep import SweepOptions
+from typing import TYPE_CHECKING
+
 from maglev_design.controller.design import PAPER_POLES, PoleSpec
 from maglev_design.errors import InputError
 from maglev_design.options import Controller, ControllerName
+
+if TYPE_CHECKING:
+    from maglev_design.cli.commands.certify import CertifyOptions
+    from maglev_design.cli.commands.design import DesignOptions
+    from maglev_design.cli.commands.simulate import SimulateOptions
+    from maglev_design.cli.commands.sweep import SweepOptions
 
 PID = ("feedforward", "derivative", "filter", "start")
 """Options of the linear PID alone."""

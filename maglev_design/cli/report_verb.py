@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
+from typing import TYPE_CHECKING
 
-from maglev_design.cli.commands.report import ReportOptions
 from maglev_design.cli.output import print_json, progress_bar, say, warn
 from maglev_design.errors import InputError
 from maglev_design.files import output_folder
@@ -12,6 +12,9 @@ from maglev_design.options import TAN_GPI
 from maglev_design.record import load
 from maglev_design.reporting import pdf_form
 from maglev_design.reporting.write import FORMS, Form, write_report
+
+if TYPE_CHECKING:
+    from maglev_design.cli.commands.report import ReportOptions
 
 
 def report(options: ReportOptions) -> None:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from maglev_design.cli.arguments import flag
-from maglev_design.cli.commands.simulate import SimulateOptions
 from maglev_design.cli.law import PID, asked_poles, chosen_law
 from maglev_design.controller.design import (
     Design,
@@ -25,6 +24,9 @@ from maglev_design.paper.trials import TRIALS, Trial
 from maglev_design.programs import gains_program
 from maglev_design.rig import Emulator, Rig, load_rig, make_rig
 from maglev_design.simulation import Scenario, emulated
+
+if TYPE_CHECKING:
+    from maglev_design.cli.commands.simulate import SimulateOptions
 
 RATIOS = (0.01, 20.0)
 """beta_c/beta that can be asked for: a voltage at equilibrium three times too low or too high."""

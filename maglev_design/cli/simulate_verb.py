@@ -5,12 +5,11 @@ from __future__ import annotations
 import sys
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from maglev_design.cli.arguments import flag
-from maglev_design.cli.commands.simulate import SimulateOptions
 from maglev_design.cli.law import PID
 from maglev_design.cli.output import number, print_json, say, table, warn
 from maglev_design.cli.simulate_setup import PLANT_MOVES, SimulationSetup, set_up
@@ -18,6 +17,9 @@ from maglev_design.errors import InputError
 from maglev_design.files import write_bytes
 from maglev_design.simulation import Response, StatedErrors, loop_for, respond, stated_errors
 from maglev_design.simulation import simulate as run_loop
+
+if TYPE_CHECKING:
+    from maglev_design.cli.commands.simulate import SimulateOptions
 
 OF_A_REPLAY = ("seed", "replay", "csv", "plot", "json")
 """What may stand beside --replay."""

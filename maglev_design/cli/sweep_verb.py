@@ -6,11 +6,10 @@ import sys
 import time
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from maglev_design import sweeping as sweeps
 from maglev_design.cli.arguments import flag
-from maglev_design.cli.commands.sweep import SweepOptions
 from maglev_design.cli.law import asked_poles
 from maglev_design.cli.output import (
     INTERRUPTED,
@@ -29,6 +28,9 @@ from maglev_design.options import CONTROLLERS, DEFAULT_PRESET, Controller
 from maglev_design.record import DesignRecord, load
 from maglev_design.rig import DRAWN, Rig, load_rig
 from maglev_design.simulation import cores
+
+if TYPE_CHECKING:
+    from maglev_design.cli.commands.sweep import SweepOptions
 
 RESULT = "sweep.json"
 OF_CONTROLLER = ("plant", "operating_point", "sampling", "limits")

@@ -7,8 +7,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from maglev_design.cli.commands.design import DesignOptions
-from maglev_design.cli.commands.tune import TuneOptions
 from maglev_design.cli.design_tables import figure, print_design
 from maglev_design.cli.emulated_text import emulated_warnings
 from maglev_design.cli.output import INTERRUPTED, number, print_json, progress_bar, say, warn
@@ -17,6 +15,8 @@ from maglev_design.files import output_folder
 from maglev_design.rig import Rig, load_rig
 
 if TYPE_CHECKING:
+    from maglev_design.cli.commands.design import DesignOptions
+    from maglev_design.cli.commands.tune import TuneOptions
     from maglev_design.record import DesignRecord
 
 LIMITS = (

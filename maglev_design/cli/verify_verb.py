@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import sys
 from dataclasses import asdict
+from typing import TYPE_CHECKING
 
-from maglev_design.cli.commands.verify import VerifyOptions
 from maglev_design.cli.output import number, print_json, progress_bar, say, table, warn
 from maglev_design.errors import VerificationError
 from maglev_design.exporting import Check, verify_folder
+
+if TYPE_CHECKING:
+    from maglev_design.cli.commands.verify import VerifyOptions
 
 
 def verify(options: VerifyOptions) -> None:

@@ -21,8 +21,8 @@ from maglev_design.controller.design import PoleSpec, make_design
 from maglev_design.tuning import (
     TuneResult,
     build_problem,
+    evaluation,
     figures,
-    problem,
     result,
     search,
     solve,
@@ -89,7 +89,7 @@ def tuning(of: Subject, runs: int) -> dict[str, Any]:
         def told(took: float, graph: Any, designs: Any, *_: Any, into: Any = loops) -> None:
             into["carrying" if graph.directions else "plain"].append((took, len(designs)))
 
-        modules = (problem, search, figures, result)
+        modules = (evaluation, search, figures, result)
         with (
             counted("resimulate", [figures], lambda took, *_, into=verifying: into.append(took)),
             counted("simulate_batch", modules, told),
