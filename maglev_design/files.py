@@ -16,6 +16,7 @@ import os
 import sys
 import tempfile
 from collections.abc import Callable, Mapping
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -79,8 +80,11 @@ def output_folder(path: Path, *, force: bool) -> Path:
 def finite(value: Any) -> Any:
     """Return what a JSON document can hold: no infinity and no nan, lists, Python's own numbers.
 
-    Infinities and nan become None, tuples lists, and what is NumPy's Python's.
+    Infinities and nan become None, tuples lists, what is NumPy's Python's, and an object what its
+    ``as_dict`` says, or its fields where it has none.
     """
+    if is_dataclass(value):
+        value = value.as_dict() if hasattr(value, "as_dict") else vars(value)
     if isinstance(value, Mapping):
         return {str(key): finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -92,16 +96,27 @@ def finite(value: Any) -> Any:
     return value
 
 
-def digest(document: Mapping[str, Any]) -> str:
+def picked(of: object, *names: str) -> dict[str, Any]:
+    """Return what `of` says under some of its names, in their order, for a document."""
+    return {name: getattr(of, name) for name in names}
+
+
+def json_bytes(document: Any, indent: int = 2, *, ascii_only: bool = False) -> bytes:
+    """Return a document as a file holds it: :func:`finite`, with a newline at its end."""
+    text = json.dumps(finite(document), indent=indent, ensure_ascii=ascii_only, allow_nan=False)
+    return (text + "\n").encode()
+
+
+def digest(document: Mapping[str, Any], *, allow_nan: bool = False) -> str:
     """Return the SHA-256 of a JSON document, whatever its layout, without its key ``sha256``.
 
     Raises
     ------
     ValueError
-        For a number that is not finite.
+        For a number that is not finite, unless `allow_nan`.
     """
     body = {key: value for key, value in document.items() if key != "sha256"}
-    text = json.dumps(body, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    text = json.dumps(body, sort_keys=True, separators=(",", ":"), allow_nan=allow_nan)
     return hashlib.sha256(text.encode()).hexdigest()
 
 

@@ -6,8 +6,8 @@ show. Neither holds a time, a path or a name of a machine: the same inputs give 
 
 from __future__ import annotations
 
+import copy
 import io
-import json
 import math
 import platform
 import zipfile
@@ -32,7 +32,7 @@ from maglev_design.controller.design import (
     true_equilibrium,
 )
 from maglev_design.errors import InputError
-from maglev_design.files import digest, finite, read_document, write_bytes
+from maglev_design.files import digest, finite, json_bytes, read_document, write_bytes
 from maglev_design.options import SCHEMA_VERSION, TAN_GPI
 from maglev_design.programs import gains_program, slope_program
 from maglev_design.rig import Rig, make_rig
@@ -138,7 +138,7 @@ def rig_from_data(data: Any, origin: str) -> Rig:
     """Return the rig of :func:`rig_as_data`."""
     if not isinstance(data, dict):
         raise InputError(f"{origin}: rig: must be a table")
-    data = json.loads(json.dumps(data))
+    data = copy.deepcopy(data)
     limits = data.get("limits")
     if isinstance(limits, dict):
         for name, bounds in limits.items():
@@ -169,7 +169,7 @@ def make_record(
         "rig": rig_as_data(rig),
         "design": design_as_data(design),
         **as_json(result),
-        "margins": margins.as_dict(),
+        "margins": margins,
         "certificate": _certificate(result, certificate),
     }
     curves = _curves(result)
@@ -231,8 +231,7 @@ def _curves(result: TuneResult) -> dict[str, NDArray[np.float64]]:
 
 def document_bytes(document: Mapping[str, Any]) -> bytes:
     """Return the content of ``design.json``, with the digest over all the rest of it."""
-    whole = {**document, "sha256": digest(document)}
-    return (json.dumps(whole, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()
+    return json_bytes({**document, "sha256": digest(document)})
 
 
 def save(record: DesignRecord, folder: Path) -> tuple[Path, ...]:

@@ -34,8 +34,9 @@ class Floor:
 FLOORS = (
     Floor(
         "ground",
-        ("errors", "options", "files", "interrupt"),
-        "the words a user may choose from, files that are whole, the cache folder, Ctrl-C",
+        ("errors", "options", "figures", "files", "interrupt"),
+        "the words a user may choose from, the figures that are told, files that are whole, the "
+        "cache folder, Ctrl-C",
         open=True,
     ),
     Floor(

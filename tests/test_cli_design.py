@@ -197,7 +197,7 @@ def test_every_law_is_judged_and_verified(law: Any) -> None:
     result = judged(build_problem(rig, controller=Controller(law)), poles)
     assert result.verification.passed
     assert result.verification.value > 0
-    assert result.figures.radius < 1
+    assert result.figures.spectral_radius < 1
     assert result.design == make_design(rig, poles, controller=Controller(law))
 
 

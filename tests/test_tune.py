@@ -170,7 +170,7 @@ def test_no_sampled_ratio_is_worse_than_the_worst(
 def test_a_loop_that_is_just_unstable_has_no_ms(problem: TuningProblem) -> None:
     late = build_problem(quick({"sampling.delay": 0.006}))
     figures = judge(late, PoleSpec.double(1.0, 70.0))
-    assert 1 < figures.radius < 2
+    assert 1 < figures.spectral_radius < 2
     assert figures.ms == math.inf
     (ms,) = [c for c in figures.constraints if c.name == "Ms"]
     assert (ms.value, ms.satisfied) == (math.inf, False)
@@ -646,5 +646,5 @@ def test_euler_with_saturation_is_a_trap_on_the_papers_rig(paper_rig: Rig) -> No
     assert tuned.feasible
     assert base.worst.itae / tuned.worst.itae == pytest.approx(23, abs=0.5)
     assert tuned.worst.peak_voltage > 15
-    assert tuned.radius < 1 < tuned.radius_one_more_sample
+    assert tuned.spectral_radius < 1 < tuned.spectral_radius_one_more_sample
     assert tuned.noise_voltage > 10 * base.noise_voltage

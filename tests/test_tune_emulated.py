@@ -160,7 +160,7 @@ def test_the_design_runs_at_the_emulator_s_period(tuned: TuneResult) -> None:
 def test_the_limits_are_kept_with_one_more_sample(tuned: TuneResult) -> None:
     limits = {c.name: c for c in tuned.figures.constraints}
     assert limits[ONE_MORE_SAMPLE].satisfied
-    assert limits[ONE_MORE_SAMPLE].value == tuned.figures.radius_one_more_sample
+    assert limits[ONE_MORE_SAMPLE].value == tuned.figures.spectral_radius_one_more_sample
     assert tuned.figures.feasible
     assert tuned.figures.ms <= 3.0
 
@@ -217,7 +217,7 @@ def test_it_beats_the_paper_s_gains_and_those_tuned_without_the_effects() -> Non
     assert isinstance(found, TuneResult)
     assert found.figures.feasible
     assert found.figures.ms <= allowed
-    assert found.figures.radius_one_more_sample < 1
+    assert found.figures.spectral_radius_one_more_sample < 1
     seeds = range(5000, 5020)
     rows = [
         emulations(problem, problem.rig, design_at(problem, poles), seeds)

@@ -170,7 +170,7 @@ def test_the_largest_error_is_told_with_and_without_the_start(result: TuneResult
 def test_an_unstable_loop_has_neither_ms_nor_noise_voltage() -> None:
     problem = build_problem(rig_with(QUICK, {"sampling.period": 0.02}))
     figures = judge(problem, PoleSpec.double(1, 200))
-    assert figures.radius > 1
+    assert figures.spectral_radius > 1
     assert figures.ms == math.inf
     assert figures.noise_voltage == math.inf
     limits = {c.name: c for c in figures.constraints}

@@ -16,10 +16,11 @@ from maglev_design.exporting import Verdict, export_folder, verify_folder
 from maglev_design.exporting.behaviour import longest_delay
 from maglev_design.exporting.classes import class_samples, single, wrong_answers
 from maglev_design.exporting.controller import ExportedController, controller_of
-from maglev_design.exporting.folder import manifest_digest, sha256
+from maglev_design.exporting.folder import sha256
 from maglev_design.exporting.loops import ExportedRun, NewDevice, close, fault_cases, fly
 from maglev_design.exporting.printing import printed
 from maglev_design.exporting.vectors import Recorder
+from maglev_design.files import digest
 from maglev_design.record import DesignRecord
 from maglev_design.simulation import nominal_scenario
 
@@ -51,7 +52,7 @@ def rehashed(folder: Path) -> None:
     manifest = json.loads((folder / "manifest.json").read_text("ascii"))
     for name in manifest["files"]:
         manifest["files"][name] = sha256((folder / name).read_bytes())
-    manifest["sha256"] = manifest_digest(manifest)
+    manifest["sha256"] = digest(manifest)
     (folder / "manifest.json").write_text(json.dumps(manifest), "ascii")
 
 
@@ -139,7 +140,7 @@ def test_a_manifest_cannot_name_files_outside_its_folder(copies: Path) -> None:
     path = copies / "c" / "manifest.json"
     manifest = json.loads(path.read_text("ascii"))
     manifest["files"]["../python/maglev.py"] = "0"
-    manifest["sha256"] = manifest_digest(manifest)
+    manifest["sha256"] = digest(manifest)
     path.write_text(json.dumps(manifest), "ascii")
     with pytest.raises(InputError, match="damaged"):
         verify_folder(copies / "c")

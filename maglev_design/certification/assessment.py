@@ -27,7 +27,7 @@ from maglev_design.certification.rationals import decimal
 from maglev_design.controller.design import Design
 from maglev_design.controller.family import Family, family_of
 from maglev_design.errors import InputError
-from maglev_design.files import finite
+from maglev_design.files import finite, picked
 from maglev_design.linear_loop import Extreme
 from maglev_design.options import EQUILIBRIA, TAN_GPI, Equilibrium
 from maglev_design.programs import gains_program
@@ -140,10 +140,10 @@ class Assessment:
             "controller": design.controller.name,
             "controller_sha256": design.sha256,
             "numbers": finite(design.numbers),
-            "poles": [list(design.poles.first), list(design.poles.second)],
+            "poles": design.poles.pairs,
             "equilibrium": reading,
             "method": design.method,
-            "family": _family(own),
+            "family": own.family.as_data(own.rig.plant.gap_offset),
             "conditions": list(self.conditions),
             "closed_form": self.closed_form,
             "exact_interval": [found.as_dict(ONE, reading) for found in self.exact],
@@ -153,10 +153,7 @@ class Assessment:
             ],
             "margins": self.margins.as_dict(),
             "margins_continuous": self.continuous_margins.as_dict(),
-            "margins_at": {
-                "continuous": [point.as_dict() for point in self.continuous],
-                "sampled": [point.as_dict() for point in self.sampled],
-            },
+            "margins_at": {"continuous": self.continuous, "sampled": self.sampled},
             "sampled": {
                 "period_s": sampling.period,
                 "delay_s": sampling.delay,
@@ -165,22 +162,9 @@ class Assessment:
                 "max_period": self.period.as_dict(),
                 "max_delay": self.delay.as_dict(),
                 "spectral_radius": self.spectral_radius.value,
-                "spectral_radius_at": {
-                    "gap": self.spectral_radius.gap,
-                    "ratio": self.spectral_radius.ratio,
-                },
+                "spectral_radius_at": picked(self.spectral_radius, "gap", "ratio"),
             },
         }
-
-
-def _family(own: AssessmentSubject) -> dict[str, Any]:
-    over, offset = own.family, own.rig.plant.gap_offset
-    return {
-        "gaps": list(over.gaps),
-        "ratios": list(over.ratios),
-        "gap_offsets": [offset + shift for shift in over.shifts],
-        "voltage_held": over.held is not None,
-    }
 
 
 def assess(own: AssessmentSubject, progress: Progress = lambda _stage, _done: None) -> Assessment:

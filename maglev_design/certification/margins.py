@@ -15,6 +15,7 @@ from maglev_design import programs
 from maglev_design.certification.intervals.sampled import setting
 from maglev_design.controller.design import Design
 from maglev_design.controller.family import Family
+from maglev_design.figures import DESCRIBED, MARGINS
 from maglev_design.linear_loop import Loop
 from maglev_design.lowering import Program, lower
 from maglev_design.options import Controller
@@ -83,8 +84,7 @@ class Margins:
         return asdict(self) | {"gain": [self.gain_down.value, self.gain_up.value]}
 
 
-LARGEST_IS_WORST = {"ms", "mt", "gain_down"}
-NAMES = ("ms", "mt", "gain_up", "gain_down", "phase_deg", "delay_s", "disk")
+NAMES = ("ms", "mt", *MARGINS, "disk")
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ def worst(points: Sequence[PointMargins]) -> Margins:
 
     def pick(column: int) -> Margin:
         values = np.array([point.values[column] for point in points])
-        sign = 1.0 if NAMES[column] in LARGEST_IS_WORST else -1.0
+        sign = 1.0 if DESCRIBED[NAMES[column]].worse == "high" else -1.0
         at = int(np.argmax(np.where(np.isnan(values), math.inf, sign * values)))
         return Margin(float(values[at]), points[at].gap, points[at].ratio)
 

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
-from maglev_design.cli.output import MARGINS, number, table
+from maglev_design.cli.output import number, shown, table
+from maglev_design.figures import DESCRIBED, MARGINS
 
 SUBJECTS = {"fixed": "this one", "recomputed": "computed anew on each plant"}
 
@@ -175,23 +176,22 @@ def _width(row: dict[str, Any]) -> str:
 
 
 def _print_margins(document: dict[str, Any]) -> None:
-    peaks, disk = (("Ms", "ms", "", 1.0), ("Mt", "mt", "", 1.0)), ("disk", "disk", "", 1.0)
     rows = []
-    for label, key, unit, scale in (*peaks, *MARGINS, disk):
+    for key in ("ms", "mt", *MARGINS, "disk"):
         cells = []
         for where in ("margins_continuous", "margins"):
             entry = document[where][key]
             cells += [
-                _margin(entry["value"], unit, scale),
+                _margin(key, entry["value"]),
                 number(1e3 * entry["gap"], "mm"),
                 number(entry["ratio"]),
             ]
-        rows.append((label, *cells))
+        rows.append((DESCRIBED[key].label, *cells))
     header = ("margin", "continuous", "at gap", "ratio", "sampled", "at gap", "ratio")
     table("Margins, each where it is worst in the family", header, rows)
 
 
-def _margin(value: float | None, unit: str, scale: float) -> str:
+def _margin(key: str, value: float | None) -> str:
     if value is None or value != value:  # noqa: PLR0124 - nan: an unstable loop
         return "none"
-    return "no limit" if value == float("inf") else number(scale * value, unit)
+    return "no limit" if value == float("inf") else shown(key, value)

@@ -1,19 +1,28 @@
 """``certify``."""
 
 from __future__ import annotations
-
-import sys
 from dataclasses import dataclass
 from fractions import Fraction
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
 from maglev_design.cli.arguments import flag
 from maglev_design.cli.certify_tables import print_assessment
-from maglev_design.cli.output import json_bytes, print_json, progress_bar, say, table, warn
-from maglev_design.errors import InputError, VerificationError
-from maglev_design.files import finite, output_folder, write_bytes
-from maglev_design.options import SCHEMA_VERSION, TAN_GPI, Controller
+from maglev_design.cli.output import print_json
+from maglev_design.cli.output import progress_bar
+from maglev_design.cli.output import say
+from maglev_design.cli.output import table
+from maglev_design.cli.output import warn
+from maglev_design.errors import InputError
+from maglev_design.errors import VerificationError
+from maglev_design.files import json_bytes
+from maglev_design.files import output_folder
+from maglev_design.files import write_bytes
+from maglev_design.options import Controller
+from maglev_design.options import SCHEMA_VERSION
+from maglev_design.options import TAN_GPI
+from pathlib import Path
+from typing import Any
+from typing import TYPE_CHECKING
+import sys
+
 
 if TYPE_CHECKING:
     from maglev_design.cli.commands.certify import CertifyOptions
@@ -55,8 +64,7 @@ def certify(options: CertifyOptions) -> None:
     for text in (*([disagreement] if disagreement else []), *_warnings(document)):
         warn(text)
     if folder is not None:
-        saved = finite({"schema_version": SCHEMA_VERSION} | document)
-        write_bytes(folder / RESULT, json_bytes(saved, 2))
+        write_bytes(folder / RESULT, json_bytes({"schema_version": SCHEMA_VERSION} | document))
         for path in (folder / RESULT, *_proofs(certificates, folder), *_figures(region, folder)):
             say(f"written: {path}")
     if region is not None and region.contradictions:
@@ -118,9 +126,9 @@ class _Region:
         area = self.whole.area
         return {
             **self.guaranteed.as_dict(),
-            "simulated": self.whole.as_dict(),
+            "simulated": self.whole,
             "share_of_simulated": self.guaranteed.area / area if area else None,
-            "contradictions": [list(point) for point in self.contradictions],
+            "contradictions": self.contradictions,
         }
 
 

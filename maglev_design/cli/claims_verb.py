@@ -1,28 +1,32 @@
 """``claims``."""
 
 from __future__ import annotations
-
-import sys
 from collections.abc import Sequence
-from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
-
-from maglev_design.cli.output import (
-    json_bytes,
-    print_json,
-    progress_bar,
-    say,
-    table,
-    typed,
-)
+from maglev_design.cli.output import print_json
+from maglev_design.cli.output import progress_bar
+from maglev_design.cli.output import say
+from maglev_design.cli.output import table
+from maglev_design.cli.output import typed
 from maglev_design.controller.design import check_path_voltage
 from maglev_design.errors import InputError
-from maglev_design.files import finite, output_folder, write_bytes
+from maglev_design.files import finite
+from maglev_design.files import json_bytes
+from maglev_design.files import output_folder
+from maglev_design.files import write_bytes
 from maglev_design.options import SCHEMA_VERSION
-from maglev_design.paper.ledger import Claim, chosen
+from maglev_design.paper.ledger import Claim
+from maglev_design.paper.ledger import chosen
 from maglev_design.record import rig_as_data
-from maglev_design.reporting.claims_text import details, markdown, summary_rows, tally
-from maglev_design.rig import Rig, load_rig
+from maglev_design.reporting.claims_text import details
+from maglev_design.reporting.claims_text import markdown
+from maglev_design.reporting.claims_text import summary_rows
+from maglev_design.reporting.claims_text import tally
+from maglev_design.rig import Rig
+from maglev_design.rig import load_rig
+from typing import Any
+from typing import TYPE_CHECKING
+import sys
+
 
 if TYPE_CHECKING:
     from maglev_design.cli.commands.claims import ClaimsOptions
@@ -36,7 +40,7 @@ def list_claims(options: ClaimsOptions) -> None:
         )
     known = chosen(options.only)
     if options.json:
-        print_json({"claims": [asdict(said) for said in known]})
+        print_json({"claims": known})
     else:
         sys.stdout.writelines(f"{said.id}\n  {said.statement}\n" for said in known)
 
@@ -81,7 +85,7 @@ def _document(rig: Rig, claims: Sequence[Claim], options: ClaimsOptions) -> dict
                 "rig": rig_as_data(rig),
                 "rigs": options.rigs,
                 "seed": options.seed,
-                "claims": [claim.as_dict() for claim in claims],
+                "claims": claims,
             }
         )
     )

@@ -6,7 +6,9 @@ import sys
 from typing import Any
 
 from maglev_design.cli.emulated_text import emulated_headline, print_emulated
-from maglev_design.cli.output import MARGINS, number, table
+from maglev_design.cli.output import number, shown, table
+from maglev_design.figures import DESCRIBED, MARGINS, OBJECTIVES, OF_A_FAMILY, PARTS
+from maglev_design.reporting.words import GAIN_UNITS
 
 
 def print_design(document: dict[str, Any]) -> None:
@@ -70,8 +72,10 @@ def _print_poles(document: dict[str, Any]) -> None:
         (f"zeta{'' if double else f'_{n + 1}'}, omega_n", f"{zeta:.6g}, {omega_n:.6g} rad/s")
         for n, (zeta, omega_n) in enumerate(pairs[:1] if double else pairs)
     ]
-    units = {"k0": "1/s⁴", "k1": "1/s³", "k2": "1/s²", "k3": "1/s", "omega_f": "rad/s"}
-    rows += [(name, number(value, units[name], 8)) for name, value in document["gains"].items()]
+    rows += [
+        (name, number(value, GAIN_UNITS.get(name, "rad/s"), 8))
+        for name, value in document["gains"].items()
+    ]
     rows += [
         ("discretisation", document["method"]),
         ("equilibrium reading", document["equilibrium"]),
@@ -80,26 +84,18 @@ def _print_poles(document: dict[str, Any]) -> None:
 
 
 def _print_figures(document: dict[str, Any]) -> None:
-    base, units = document["baseline"], {"itae": "m s²", "iae": "m s", "ise": "m² s"}
+    base = document["baseline"]
     others = [] if base is None else [base["worst_case"]]
     columns = [document["worst_case"], *others, document["nominal"]]
 
-    def row(label: str, key: str, unit: str) -> tuple[str, ...]:
-        cells = ["-" if key not in column else figure(column[key], unit) for column in columns]
-        return (label, *cells)
+    def row(key: str) -> tuple[str, ...]:
+        told = DESCRIBED[key]
+        return (told.label, *(figure(c[key], told.unit) if key in c else "-" for c in columns))
 
-    rows = [row(key.upper(), key, unit) for key, unit in units.items()]
-    rows += [
-        (f"  ITAE, {part}", *[number(c["itae_split"][part], units["itae"]) for c in columns])
-        for part in ("start", "move", "hold")
-    ]
-    rows += [
-        row("largest commanded voltage", "peak_voltage", "V"),
-        row("smallest commanded voltage", "min_voltage", "V"),
-        row("Ms", "ms", ""),
-        row("Ms, one more sample", "ms_one_more_sample", ""),
-        row("voltage from sensor noise", "noise_voltage", "V"),
-        row("at beta_c/beta", "ratio", ""),
+    rows = [
+        *map(row, OBJECTIVES),
+        *((f"  ITAE, {x}", *(shown("itae", c["itae_split"][x]) for c in columns)) for x in PARTS),
+        *(row(key) for key in OF_A_FAMILY if key != "spectral_radius"),
     ]
     poles = [] if base is None else [f"zeta={base['zeta']:g}, omega_n={base['omega_n']:g}"]
     low, high = document["family"]["ratios"]
@@ -114,16 +110,12 @@ def _print_figures(document: dict[str, Any]) -> None:
         ("margin", "value", "gap", "beta_c/beta"),
         [
             (
-                label,
-                "unstable"
-                if unstable
-                else number(
-                    None if margins[key]["value"] is None else scale * margins[key]["value"], unit
-                ),
+                DESCRIBED[key].label,
+                "unstable" if unstable else shown(key, margins[key]["value"]),
                 number(1e3 * margins[key]["gap"], "mm"),
                 number(margins[key]["ratio"]),
             )
-            for label, key, unit, scale in MARGINS
+            for key in MARGINS
         ],
     )
     noisy = document["with_noise"]

@@ -53,7 +53,7 @@ def design(options: DesignOptions) -> None:
         say(
             f"infeasible: {worst.name} is {number(worst.value, worst.unit)} where "
             f"{number(worst.limit, worst.unit)} is allowed"
-            + (": the loop is unstable" if figures.radius >= 1 else "")
+            + (": the loop is unstable" if figures.spectral_radius >= 1 else "")
         )
         sys.exit(InfeasibleError.exit_code)
     tune_verb.end_by_verification(result)

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
-from maglev_design.cli.output import number, plain, table
+from maglev_design.cli.output import number, plain, shown, table
 from maglev_design.reporting.chapter_emulated import emulated_rows, is_lost, parts_of
 from maglev_design.reporting.content import Quantity, Runs
 
@@ -44,7 +44,8 @@ def emulated_headline(document: dict[str, Any]) -> str | None:
     if not losing:
         return None
     parts = [
-        f"{label} ITAE {own['itae']['median']:.2g} against {theirs['itae']['median']:.2g} m s² "
+        f"{label} ITAE {own['itae']['median']:.2g} against "
+        f"{shown('itae', theirs['itae']['median'], 2)} "
         f"and voltage variation {own['total_variation']['median']:.3g} against "
         f"{theirs['total_variation']['median']:.3g} V (balls lost: {own['lost']} and "
         f"{theirs['lost']} of {own['seeds']})"
@@ -89,7 +90,8 @@ def print_emulated(document: dict[str, Any]) -> None:
         f"{number(less['ms_one_more_sample'])}) and the worst median ITAE is "
         f"{less['worst']['itae']['median']:.3g}; the design above has Ms {number(own['ms'])}, one "
         f"more sample {number(own['ms_one_more_sample'])}, and "
-        f"{found['worst']['itae']['median']:.3g} m s². Ms is that of the loop without the coil.\n\n"
+        f"{shown('itae', found['worst']['itae']['median'], 3)}. Ms is that of the loop without the "
+        "coil.\n\n"
     )
 
 

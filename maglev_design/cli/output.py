@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from maglev_design.files import finite
+from maglev_design.figures import DESCRIBED
+from maglev_design.files import json_bytes
 from maglev_design.options import SCHEMA_VERSION
 from maglev_design.reporting.content import Code, Inline, Quantity, Runs, Strong
 from maglev_design.reporting.words import unit_text
@@ -22,8 +22,8 @@ Progress = Callable[[str, float], None]
 
 def print_json(document: dict[str, Any]) -> None:
     """Print one JSON document, the schema version first, infinities as null."""
-    text = json.dumps(finite({"schema_version": SCHEMA_VERSION} | document), indent=2)
-    sys.stdout.write(text + "\n")
+    whole = {"schema_version": SCHEMA_VERSION} | document
+    sys.stdout.write(json_bytes(whole, ascii_only=True).decode())
 
 
 def typed() -> str:
@@ -100,20 +100,18 @@ def progress_bar() -> Iterator[Progress]:
         yield lambda stage, done: bar.update(task, description=stage, completed=done)
 
 
-MARGINS = (
-    ("gain may rise by", "gain_up", "x", 1.0),
-    ("gain may fall to", "gain_down", "x", 1.0),
-    ("phase", "phase_deg", "deg", 1.0),
-    ("further delay", "delay_s", "ms", 1e3),
-)
-"""Label, key, unit and the factor from SI of the margins that every verb shows."""
-
-
 def number(value: float | None, unit: str = "", digits: int = 4) -> str:
-    """Return a number as people write it: ``9.934e-06 m s^2``, ``5 V``, ``none``."""
+    """Return a number as people write it: ``9.934e-06 m s²``, ``5 V``, ``none``."""
     if value is None:
         return "none"
-    return f"{value:.{digits}g} {'' if unit == '-' else unit}".rstrip()
+    return f"{value:.{digits}g} {'' if unit == '-' else unit_text(unit)}".rstrip()
+
+
+def shown(key: str, value: float | None, digits: int = 4) -> str:
+    """Return a figure in the unit of the terminal's tables, from SI."""
+    told = DESCRIBED[key]
+    scaled = None if value is None else told.scale * value
+    return number(scaled, told.shown or told.unit, digits)
 
 
 def plain(runs: Runs) -> str:
@@ -124,15 +122,9 @@ def plain(runs: Runs) -> str:
 def _plain(run: Inline) -> str:
     match run:
         case Quantity(value, unit, digits):
-            return number(value, "" if unit == "-" else unit_text(unit), digits)
+            return number(value, unit, digits)
         case Code(text) | Strong(text):
             return text
         case str():
             return run
     raise TypeError(f"{run!r} has no form on the terminal")
-
-
-def json_bytes(document: Mapping[str, Any], indent: int) -> bytes:
-    """Return a document as a file holds it; its numbers must be finite."""
-    text = json.dumps(document, indent=indent, ensure_ascii=False, allow_nan=False)
-    return (text + "\n").encode()

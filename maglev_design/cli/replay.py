@@ -137,5 +137,4 @@ def _setup(data: dict[str, Any], path: Path) -> sweeps.Setup:
     """Return the setup of a description."""
     rig = rig_from_data(data["rig"], str(path))
     designs = [design_from_data(one, str(path)) for one in data["designs"]]
-    plain = ("samples", "seed", "sampling", "chunk", "noise", "backend")
-    return sweeps.Setup(rig, tuple(designs), **{name: data[name] for name in plain})
+    return sweeps.Setup(rig, tuple(designs), **{name: data[name] for name in sweeps.OF_A_SWEEP})

@@ -121,7 +121,7 @@ class SimulationSetup:
             "controller": design.controller.name,
             "variant": design.controller.variant or "default",
             "controller_sha256": None if self.continuous else design.sha256,
-            "poles": [list(design.poles.first), list(design.poles.second)],
+            "poles": design.poles.pairs,
             "gains": design.named_gains,
             "equilibrium": design.equilibrium,
             "method": None if self.continuous else design.method,

@@ -11,9 +11,10 @@ import numpy as np
 
 from maglev_design.cli.arguments import flag
 from maglev_design.cli.law import PID
-from maglev_design.cli.output import number, print_json, say, table, warn
+from maglev_design.cli.output import number, print_json, say, shown, table, warn
 from maglev_design.cli.simulate_setup import PLANT_MOVES, SimulationSetup, set_up
 from maglev_design.errors import InputError
+from maglev_design.figures import DESCRIBED, EXTREMES, INDICES
 from maglev_design.files import write_bytes
 from maglev_design.simulation import Response, StatedErrors, loop_for, respond, stated_errors
 from maglev_design.simulation import simulate as run_loop
@@ -128,17 +129,10 @@ def _print(run: SimulationSetup, response: Response, stated: StatedErrors) -> No
     metrics, kind = response.metrics, "a bound" if stated.bound else "an estimate"
     sys.stdout.write(f"{run}\n\n")
     rows: list[tuple[str, str]] = [
-        ("ISE", number(metrics.ise, "m² s", 6)),
-        ("IAE", number(metrics.iae, "m s", 6)),
-        ("ITAE", number(metrics.itae, "m s²", 6)),
-        *[(f"  of it {k}", number(v, "m s²", 6)) for k, v in metrics.itae_split.items()],
+        *((DESCRIBED[x].label, shown(x, getattr(metrics, x), 6)) for x in INDICES),
+        *((f"  of it {k}", shown("itae", v, 6)) for k, v in metrics.itae_split.items()),
         (f"largest relative error, {kind}", number(max(stated.relative.values()), "", 2)),
-        ("largest commanded voltage", number(metrics.peak_voltage, "V")),
-        ("smallest commanded voltage", number(metrics.min_voltage, "V")),
-        ("largest applied voltage", number(metrics.peak_applied, "V")),
-        ("smallest gap", number(1e3 * metrics.min_gap, "mm")),
-        ("largest gap", number(1e3 * metrics.max_gap, "mm")),
-        ("error at the end", number(1e6 * metrics.final_error, "µm")),
+        *((DESCRIBED[x].label, shown(x, getattr(metrics, x))) for x in (*EXTREMES, "final_error")),
         ("ball", "levitated" if metrics.crash is None else metrics.crash.where),
     ]
     table(run.rig.name, ("figure", "value"), rows)

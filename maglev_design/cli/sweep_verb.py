@@ -13,19 +13,21 @@ from maglev_design.cli.arguments import flag
 from maglev_design.cli.law import asked_poles
 from maglev_design.cli.output import (
     INTERRUPTED,
-    json_bytes,
     number,
     print_json,
     progress_bar,
     say,
+    shown,
     table,
     warn,
 )
 from maglev_design.controller.design import Design, check_path_voltage, make_design
 from maglev_design.errors import InputError, nearest
-from maglev_design.files import finite, output_folder, write_bytes
+from maglev_design.figures import DESCRIBED, OBJECTIVES, OF_A_RUN
+from maglev_design.files import finite, json_bytes, output_folder, picked, write_bytes
 from maglev_design.options import CONTROLLERS, DEFAULT_PRESET, Controller
 from maglev_design.record import DesignRecord, load
+from maglev_design.reporting.words import unit_text
 from maglev_design.rig import DRAWN, Rig, load_rig
 from maglev_design.simulation import cores
 
@@ -36,18 +38,6 @@ RESULT = "sweep.json"
 OF_CONTROLLER = ("plant", "operating_point", "sampling", "limits")
 """Sections of a rig that a design is computed from."""
 SHOWN = (0.05, 0.5, 0.95, 0.99, 1.0)
-UNITS = {
-    "itae": "m s²",
-    "iae": "m s",
-    "ise": "m² s",
-    "peak_voltage": "V",
-    "min_voltage": "V",
-    "peak_applied": "V",
-    "min_gap": "m",
-    "max_gap": "m",
-    "final_error": "m",
-    "total_variation": "V",
-}
 MOST_ROWS = 5
 
 
@@ -55,16 +45,7 @@ def sweep(options: SweepOptions) -> None:
     """Compute what is missing, print, save."""
     rig, designs = _rig_and_designs(options)
     check_path_voltage(rig)
-    setup = sweeps.make_setup(
-        rig,
-        designs,
-        samples=options.samples,
-        seed=options.seed,
-        sampling=options.sampling,
-        chunk=options.chunk,
-        noise=options.noise,
-        backend=options.backend,
-    )
+    setup = sweeps.make_setup(rig, designs, **picked(options, *sweeps.OF_A_SWEEP))
     runner = _runner(options)
     folder = output_folder(options.output, force=options.force)
     for text in _warnings(setup):
@@ -82,8 +63,8 @@ def sweep(options: SweepOptions) -> None:
             "same command continues"
         )
         sys.exit(INTERRUPTED)
-    document = finite(result.as_dict())
-    write_bytes(folder / RESULT, json_bytes(document, 2))
+    document = finite(result)
+    write_bytes(folder / RESULT, json_bytes(document))
     if options.json:
         print_json(document)
     else:
@@ -270,10 +251,10 @@ def _print_design(position: int, design: dict[str, Any]) -> None:
     title = f"{position}: {name}, zeta = {zeta:.4g}, omega_n = {omega_n:.4g} rad/s"
     rows = [
         (
-            f"{key} [{unit}]",
+            f"{key} [{unit_text(DESCRIBED[key].unit)}]",
             *[number(design["quantiles"][key][f"{p:g}"]) for p in SHOWN],
         )
-        for key, unit in UNITS.items()
+        for key in (*OBJECTIVES, *OF_A_RUN)
     ]
     low, high = design["stable_fraction_interval"]
     table(title, ("quantile", *[f"{100 * p:g} %" for p in SHOWN]), rows)
@@ -292,7 +273,7 @@ def _print_design(position: int, design: dict[str, Any]) -> None:
             (
                 str(one["scenario"]),
                 one["crash"]["where"] if one["crash"] else "levitated",
-                number(one["itae"], UNITS["itae"]),
+                shown("itae", one["itae"]),
                 *[number(one["drawn"][name], "", 6) for name in names],
             )
             for one in worst

@@ -1,14 +1,18 @@
 """``verify``."""
 
 from __future__ import annotations
-
-import sys
-from dataclasses import asdict
-from typing import TYPE_CHECKING
-
-from maglev_design.cli.output import number, print_json, progress_bar, say, table, warn
+from maglev_design.cli.output import number
+from maglev_design.cli.output import print_json
+from maglev_design.cli.output import progress_bar
+from maglev_design.cli.output import say
+from maglev_design.cli.output import table
+from maglev_design.cli.output import warn
 from maglev_design.errors import VerificationError
-from maglev_design.exporting import Check, verify_folder
+from maglev_design.exporting import Check
+from maglev_design.exporting import verify_folder
+from typing import TYPE_CHECKING
+import sys
+
 
 if TYPE_CHECKING:
     from maglev_design.cli.commands.verify import VerifyOptions
@@ -23,9 +27,9 @@ def verify(options: VerifyOptions) -> None:
             {
                 "passed": verdict.passed,
                 "controller_sha256": verdict.controller_sha256 or None,
-                "doubts": list(verdict.doubts),
+                "doubts": verdict.doubts,
                 "closed_loops_ran": verdict.ran or None,
-                "checks": [asdict(check) for check in verdict.checks],
+                "checks": verdict.checks,
                 "skipped": [{"name": name, "reason": why} for name, why in verdict.skipped],
             }
         )

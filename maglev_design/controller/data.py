@@ -19,7 +19,7 @@ def design_as_data(design: Design) -> dict[str, Any]:
     about.
     """
     return {
-        "poles": [list(design.poles.first), list(design.poles.second)],
+        "poles": design.poles.pairs,
         "equilibrium": design.equilibrium,
         "beta_c": design.believed.beta,
         "numbers": finite(design.numbers),

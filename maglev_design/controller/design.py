@@ -25,6 +25,8 @@ from maglev_design.programs import (
 )
 from maglev_design.rig import Rig
 
+PATH_ENDS = ("start_gap", "end_gap", "start_time", "end_time")
+"""Of the move of the reference [m, m, s, s]."""
 PAPER_POLES = (1.0, 70.0)
 """zeta_d and omega_nd of sec. 4: the yardstick of every tuning."""
 
@@ -60,6 +62,11 @@ class PoleSpec:
         """(zeta_1, omega_1, zeta_2, omega_2)."""
         (zeta_1, omega_1), (zeta_2, omega_2) = self.first, self.second
         return float(zeta_1), float(omega_1), float(zeta_2), float(omega_2)
+
+    @property
+    def pairs(self) -> list[list[float]]:
+        """Both pairs, as JSON has them."""
+        return [list(self.first), list(self.second)]
 
 
 @dataclass(frozen=True)

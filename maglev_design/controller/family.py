@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +65,15 @@ class Family:
     ratios: tuple[float, float]
     shifts: tuple[float, float] = (0.0, 0.0)
     held: float | None = None
+
+    def as_data(self, gap_offset: float) -> dict[str, Any]:
+        """Return the plants for JSON: gaps [m], ratios, and y0 where the rig's is `gap_offset`."""
+        return {
+            "gaps": list(self.gaps),
+            "ratios": list(self.ratios),
+            "gap_offsets": [gap_offset + shift for shift in self.shifts],
+            "voltage_held": self.held is not None,
+        }
 
     def ratio_at(self, ratio: float, shift: float) -> float:
         """Return beta_c/beta of the plant that has `ratio` at the rig's y0, at another y0."""

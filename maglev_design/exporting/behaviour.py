@@ -14,6 +14,7 @@ from maglev_design.exporting.controller import ExportedController
 from maglev_design.exporting.loops import ExportedRun, FaultCase, NewDevice, close, fault_cases, fly
 from maglev_design.exporting.native import compilers, load_library
 from maglev_design.exporting.verdict import Check
+from maglev_design.figures import DESCRIBED, INDICES
 from maglev_design.rig import MOST_DELAYED_PERIODS, make_rig
 from maglev_design.simulation import loop_for, nominal_scenario, simulate
 
@@ -92,7 +93,7 @@ def closed_loops(controller: ExportedController, new: NewDevice, report: Progres
                     apart(found.itae, kept),
                     SAME_LOOP,
                     "-",
-                    f"{found.itae:.6g} m s^2",
+                    f"{found.itae:.6g} {DESCRIBED['itae'].unit}",
                 )
             )
     quiet = ExportedRun(new())
@@ -113,8 +114,8 @@ def apart(a: float, b: float | None) -> float:
 def _compared(name: str, found: Any, told: Any) -> Check:
     if found.crashed and told.crashed:
         return Check(name, True, 0.0, SAME_LOOP, note="ball lost, as simulated")
-    off = max(apart(getattr(found, x), getattr(told, x)) for x in ("ise", "iae", "itae"))
-    note = f"ITAE {found.itae:.4g} m s^2"
+    off = max(apart(getattr(found, x), getattr(told, x)) for x in INDICES)
+    note = f"ITAE {found.itae:.4g} {DESCRIBED['itae'].unit}"
     return Check.below(name, off, SAME_LOOP, "-", note)
 
 

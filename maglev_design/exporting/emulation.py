@@ -14,6 +14,7 @@ from maglev_design.exporting.controller import (
 )
 from maglev_design.exporting.loops import ExportedRun, NewDevice, Surroundings, fly
 from maglev_design.exporting.verdict import Check
+from maglev_design.figures import DESCRIBED
 from maglev_design.rig import Rig
 from maglev_design.simulation import nominal_scenario
 from maglev_design.simulation.scenario import noise_samples
@@ -32,7 +33,7 @@ def on_the_emulated_rig(
     report("emulated rig", 0.95)
     found = [emulated_run(controller, new, rig, seed) for seed in range(EMULATED_SEEDS)]
     lost = sum(math.isinf(itae) for itae in found)
-    note = f"of {EMULATED_SEEDS}; median ITAE {median(found):.4g} m s^2"
+    note = f"of {EMULATED_SEEDS}; median ITAE {median(found):.4g} {DESCRIBED['itae'].unit}"
     period = controller.record.rig.emulator.period
     if period is not None and period != rig.sampling.period:
         note += f"; the design runs at its own period, {rig.sampling.period:g} s"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,9 +14,9 @@ from maglev_design.exporting.controller import ExportedController, controller_of
 from maglev_design.exporting.printing import TEMPLATES, printed
 from maglev_design.exporting.text import checked_prefix
 from maglev_design.exporting.vectors import record_vectors
-from maglev_design.files import output_folder, write_bytes
+from maglev_design.files import digest, json_bytes, output_folder, read_document, write_bytes
 from maglev_design.options import SCHEMA_VERSION, Target
-from maglev_design.record import DesignRecord, document_bytes
+from maglev_design.record import LARGEST_RECORD, DesignRecord, document_bytes
 
 KIND = "maglev-design export"
 MANIFEST = "manifest.json"
@@ -94,12 +93,6 @@ def sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def manifest_digest(document: Mapping[str, Any]) -> str:
-    """Return the digest of a manifest over everything in it but the digest itself."""
-    body = {key: value for key, value in document.items() if key != "sha256"}
-    return sha256(json.dumps(body, sort_keys=True, separators=(",", ":")).encode())
-
-
 def _manifest(controller: ExportedController, target: Target, files: Mapping[str, bytes]) -> bytes:
     document = controller.record.document
     body = {
@@ -120,8 +113,7 @@ def _manifest(controller: ExportedController, target: Target, files: Mapping[str
         "doubts": list(controller.doubts),
         "files": {name: sha256(data) for name, data in sorted(files.items())},
     }
-    text = json.dumps(body | {"sha256": manifest_digest(body)}, indent=2, allow_nan=False)
-    return (text + "\n").encode()
+    return json_bytes(body | {"sha256": digest(body)}, ascii_only=True)
 
 
 def _own_files(folder: Path) -> set[str]:
@@ -132,8 +124,8 @@ def _own_files(folder: Path) -> set[str]:
         return set()
     return {
         name
-        for name, digest in document["files"].items()
-        if (folder / name).is_file() and sha256((folder / name).read_bytes()) == digest
+        for name, told in document["files"].items()
+        if (folder / name).is_file() and sha256((folder / name).read_bytes()) == told
     }
 
 
@@ -147,14 +139,11 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     """
     path = folder / MANIFEST
     try:
-        document = json.loads(path.read_bytes().decode("utf-8"))
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot be read ({error.strerror}); give a folder that `export` wrote"
-        ) from error
-    except (UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: not a manifest (not valid JSON); export again") from error
-    if not isinstance(document, dict) or document.get("kind") != KIND:
+        document = read_document(path, "a manifest", LARGEST_RECORD)
+    except InputError as error:
+        there = "export again" if path.exists() else "give a folder that `export` wrote"
+        raise InputError(f"{error}; {there}") from error
+    if document.get("kind") != KIND:
         raise InputError(f"{path}: not the manifest of an export; export again")
     if document.get("schema_version") != SCHEMA_VERSION:
         raise InputError(
@@ -163,8 +152,8 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         )
     files = document.get("files")
     plain_names = isinstance(files, dict) and all(
-        isinstance(name, str) and Path(name).name == name and isinstance(digest, str)
-        for name, digest in files.items()
+        isinstance(name, str) and Path(name).name == name and isinstance(told, str)
+        for name, told in files.items()
     )
     usable = plain_names and {"design.json", "vectors.csv"} <= set(files or ())
     if not usable or document.get("target") not in TEMPLATES:

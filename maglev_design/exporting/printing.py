@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from maglev_design import __version__
+from maglev_design.controller.design import PATH_ENDS
 from maglev_design.exporting.controller import OUTPUTS, SIGNALS, STATES, ExportedController
 from maglev_design.exporting.misra import DEVIATIONS
 from maglev_design.exporting.native import CORTEX_M4
 from maglev_design.exporting.text import plain, wrapped
+from maglev_design.figures import DESCRIBED
 from maglev_design.lowering import Program
 from maglev_design.options import Controller, Target
 
@@ -101,12 +103,7 @@ def _context(controller: ExportedController, target: Target, rows: int) -> dict[
             "velocity": _literal(velocity, target, source),
             "velocity_number": repr(velocity),
         },
-        "path_ends": {
-            "start_gap": repr(path.start_gap),
-            "end_gap": repr(path.end_gap),
-            "start_time": repr(path.start_time),
-            "end_time": repr(path.end_time),
-        },
+        "path_ends": {x: repr(getattr(path, x)) for x in PATH_ENDS},
         "samples": samples,
         "every": max(1, samples // EXAMPLE_ROWS),
         "law": law_in_words(design.controller),
@@ -115,7 +112,7 @@ def _context(controller: ExportedController, target: Target, rows: int) -> dict[
         "assumptions": _assumptions(controller),
         "sha256": design.sha256,
         "objective": document["objective"].upper(),
-        "objective_unit": {"itae": "m s^2", "iae": "m s", "ise": "m^2 s"}[document["objective"]],
+        "objective_unit": DESCRIBED[document["objective"]].unit,
         "worst_objective": _shown(worst[document["objective"]]),
         "highest": _shown(worst["peak_voltage"]),
         "lowest": _shown(worst["min_voltage"]),

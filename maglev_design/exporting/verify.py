@@ -23,7 +23,7 @@ from maglev_design.exporting.behaviour import (
 from maglev_design.exporting.controller import ExportedController, controller_of
 from maglev_design.exporting.cortex import on_cortex_m4
 from maglev_design.exporting.emulation import on_the_emulated_rig
-from maglev_design.exporting.folder import manifest_digest, read_manifest, sha256
+from maglev_design.exporting.folder import read_manifest, sha256
 from maglev_design.exporting.loops import NewDevice
 from maglev_design.exporting.misra import DEVIATIONS
 from maglev_design.exporting.native import (
@@ -40,6 +40,7 @@ from maglev_design.exporting.printing import printed
 from maglev_design.exporting.promises import promises
 from maglev_design.exporting.vectors import record_vectors
 from maglev_design.exporting.verdict import Check, Part, Verdict
+from maglev_design.files import digest
 from maglev_design.record import load
 
 
@@ -86,12 +87,12 @@ def verify_folder(folder: Path, progress: Progress | None = None) -> Verdict:
 
 def _whole(folder: Path, manifest: dict[str, Any]) -> Check:
     """Compare every file with the manifest, and the manifest with its own digest."""
-    bad = [] if manifest.get("sha256") == manifest_digest(manifest) else ["manifest.json"]
-    for name, digest in manifest["files"].items():
+    bad = [] if manifest.get("sha256") == digest(manifest, allow_nan=True) else ["manifest.json"]
+    for name, told in manifest["files"].items():
         path = folder / name
         if not path.is_file():
             bad.append(f"{name} (missing)")
-        elif sha256(path.read_bytes()) != digest:
+        elif sha256(path.read_bytes()) != told:
             bad.append(name)
     note = f"changed since it was exported: {', '.join(bad)}" if bad else ""
     return Check.below("every file as it was exported", len(bad), 0, "files", note)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from maglev_design.certification.margins import Margins, sampled_margins
 from maglev_design.controller.design import believed_equilibrium, plant_beta, voltage_on_plant
 from maglev_design.controller.family import family_of
+from maglev_design.figures import INDICES, PARTS
 from maglev_design.linear_loop import build_loop, peak_sensitivity, spectral_radius
 from maglev_design.paper.trials import (
     EMULATION,
-    INDICES,
-    PARTS,
     TRIALS,
     Contender,
     Reading,
@@ -77,7 +76,7 @@ class Result:
         return {
             "test": self.trial.name,
             **self.contender.as_dict(),
-            "poles": [list(self.contender.poles.first), list(self.contender.poles.second)],
+            "poles": self.contender.poles.pairs,
             "equilibrium": self.reading.equilibrium,
             "method": self.reading.method,
             "sample_time": self.period if self.reading.method else 0.0,
@@ -86,9 +85,7 @@ class Result:
             "crashed_share": flat["crashed"],
             **split,
             "seeds": self.seeds,
-            "spread": {
-                name: asdict(found) for name, found in self.spread.items() if name not in SPLITS
-            },
+            "spread": {name: x for name, x in self.spread.items() if name not in SPLITS},
         }
 
 

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from importlib import resources
-from typing import Any, Generic, Literal, ParamSpec
+from typing import Generic, Literal, ParamSpec
 
 from maglev_design.errors import InputError
 
@@ -57,10 +57,6 @@ class Claim:
     evidence: str
     command: str
     values: Mapping[str, Value] = field(default_factory=dict)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the claim for JSON."""
-        return asdict(self) | {"values": dict(self.values)}
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,12 @@ from dataclasses import replace
 import numpy as np
 
 from maglev_design.controller.design import make_design, plant_beta
+from maglev_design.figures import INDICES
 from maglev_design.paper.ledger import Finding, claim, finding
 from maglev_design.paper.survey import NAMES, Row, ordering
 from maglev_design.paper.surveyed import EVERYONE, OPPONENTS
 from maglev_design.paper.trials import (
     EMULATION,
-    INDICES,
     NOISE,
     NOMINAL,
     Contender,

@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from maglev_design.figures import DESCRIBED, INDICES
+from maglev_design.files import picked
 from maglev_design.options import EQUILIBRIA, Method
 from maglev_design.paper.trials import (
     REAL_SENSOR_NOISE,
@@ -30,10 +32,7 @@ Outcome = Literal["always", "depends", "never"]
 
 OURS = "TAN-GPI"
 NAMES = {
-    "ise": "ISE",
-    "iae": "IAE",
-    "itae": "ITAE",
-    "total_variation": "total variation of the voltage",
+    **{key: DESCRIBED[key].label for key in (*INDICES, "total_variation")},
     "peak_voltage": "peak voltage",
     "settling": "settling time",
     "undershoot": "undershoot",
@@ -131,14 +130,8 @@ class Ordering:
             "than": self.opponent,
             "figure": self.figure,
             "name": NAMES[self.figure],
-            "outcome": self.outcome,
-            "readings": self.readings,
-            "held": self.held,
-            "decided_by": self.decided_by,
-            "stated_outcome": self.stated_outcome,
-            "stated_readings": self.stated_readings,
-            "stated_held": self.stated_held,
-            "stated_decided_by": self.stated_decided_by,
+            **picked(self, "outcome", "readings", "held", "decided_by", "stated_outcome"),
+            **picked(self, "stated_readings", "stated_held", "stated_decided_by"),
             "share_by_level": self.by_level,
             "ratio": list(self.ratios),
         }

@@ -14,9 +14,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
+from maglev_design.figures import INDICES
 from maglev_design.paper.ledger import Finding, Verdict, claim, finding
 from maglev_design.paper.survey import NAMES, OURS, Ordering, Row, ordering
-from maglev_design.paper.trials import INDICES, MISMATCHED, NOISE, NOMINAL, TRIALS, Trial
+from maglev_design.paper.trials import MISMATCHED, NOISE, NOMINAL, TRIALS, Trial
 
 PID, FEE = "LIN-PID", "FEE-GPI"
 OPPONENTS = (PID, FEE)

@@ -15,6 +15,7 @@ from maglev_design.controller.design import (
     plant_beta,
     voltage_on_plant,
 )
+from maglev_design.figures import EXTREMES, INDICES
 from maglev_design.options import TAN_GPI, Controller, Equilibrium, Method
 from maglev_design.rig import Rig, make_rig
 from maglev_design.simulation import (
@@ -229,10 +230,6 @@ def run_trial(
     return own, simulate(loop, design, scenario)
 
 
-INDICES = ("ise", "iae", "itae")
-PARTS = ("start", "move", "hold")
-
-
 def _centre(rig: Rig) -> float:
     """Return the middle of "second 3 to second 5" of sec. 4.1 as it lies in the rig's move [s]."""
     path = rig.reference
@@ -247,12 +244,7 @@ def figures(rig: Rig, response: Response) -> dict[str, float]:
     moving = (response.times > path.start_time) & (response.times <= path.end_time)
     holding = response.times > path.end_time
     values = {
-        "ise": found.ise,
-        "iae": found.iae,
-        "itae": found.itae,
-        "peak_voltage": found.peak_voltage,
-        "min_voltage": found.min_voltage,
-        "peak_applied": found.peak_applied,
+        **{x: getattr(found, x) for x in (*INDICES, *EXTREMES[:3])},
         "total_variation": total_variation(response),
         "settling": settling_time(rig, response),
         "undershoot": undershoot(rig, response),

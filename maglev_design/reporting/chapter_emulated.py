@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+from maglev_design.figures import DESCRIBED
 from maglev_design.record import DesignRecord
 from maglev_design.reporting.chapters_theory import RATIO
 from maglev_design.reporting.commands import design_command
@@ -14,7 +15,7 @@ from maglev_design.reporting.content import (
     ReportSection,
     Runs,
     Strong,
-    Table,
+    tabled,
 )
 
 
@@ -26,22 +27,12 @@ def emulated_chapter(record: DesignRecord) -> ReportSection | None:
     rows = [*emulated_rows("design", found)]
     if found["baseline"] is not None and pair is not None:
         rows += emulated_rows("yardstick", found["baseline"])
-    table = Table(
+    table = tabled(
         "emulated",
-        (
-            "The sampled loop with every effect of the rig's own table: medians and 95 % intervals "
-            "over runs with other noise.",
-        ),
-        (
-            ("controller",),
-            (RATIO,),
-            ("ITAE",),
-            ("from",),
-            ("to",),
-            ("voltage variation",),
-            ("balls lost",),
-        ),
-        tuple(rows),
+        "The sampled loop with every effect of the rig's own table: medians and 95 % intervals "
+        "over runs with other noise.",
+        ("controller", RATIO, "ITAE", "from", "to", "voltage variation", "balls lost"),
+        rows,
         design_command(record),
         "lrrrrrr",
     )
@@ -81,7 +72,10 @@ def _verdict(found: Mapping[str, Any]) -> str:
 
 def _from_to(itae: Mapping[str, float]) -> tuple[Runs, ...]:
     """Return the ends of an interval as two cells."""
-    return ((Quantity(itae["low"], "m s^2"),), (Quantity(itae["high"], "m s^2"),))
+    return (
+        (Quantity(itae["low"], DESCRIBED["itae"].unit),),
+        (Quantity(itae["high"], DESCRIBED["itae"].unit),),
+    )
 
 
 def parts_of(found: Mapping[str, Any]) -> tuple[Mapping[str, Any], ...]:
@@ -100,7 +94,7 @@ def emulated_rows(
         yield (
             (name,),
             (Quantity(part["ratio"], digits=digits),),
-            (Quantity(part["itae"]["median"], "m s^2"),),
+            (Quantity(part["itae"]["median"], DESCRIBED["itae"].unit),),
             *interval(part["itae"]),
             (Quantity(part["total_variation"]["median"], "V"),),
             (f"{part['lost']} of {part['seeds']}",),

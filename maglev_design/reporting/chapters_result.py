@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from maglev_design.figures import DESCRIBED, MARGINS, OBJECTIVES, OF_A_FAMILY, PARTS
 from maglev_design.record import DesignRecord, called
 from maglev_design.reporting import prose
 from maglev_design.reporting.chapter_emulated import LOST, is_lost
 from maglev_design.reporting.commands import REPORT, design_command
 from maglev_design.reporting.content import (
     Block,
+    Cell,
     Code,
     Figure,
     Inline,
@@ -21,13 +23,18 @@ from maglev_design.reporting.content import (
     ReportSection,
     Runs,
     Strong,
-    Table,
+    tabled,
+    yes,
 )
 from maglev_design.reporting.plots.design import drawable
 
-INDEX_UNITS = {"itae": "m s^2", "iae": "m s", "ise": "m^2 s"}
-PARTS = ("start", "move", "hold")
 RATIO = Maths(r"\beta_c/\beta")
+LABELS: Mapping[str, Cell] = {
+    "ms": ("peak of ", Maths(r"\lvert S\rvert")),
+    "ms_one_more_sample": ("the same, one more sample",),
+    "ratio": ("at ", RATIO),
+}
+"""Of figures that a report writes in letters."""
 ZETA, OMEGA = Maths(r"\zeta"), Maths(r"\omega_n")
 
 
@@ -51,7 +58,7 @@ def summary_chapter(record: DesignRecord) -> ReportSection:
     document = record.document
     key, worst, base = document["objective"], document["worst_case"], document["baseline"]
     low, high = document["family"]["ratios"]
-    unit = INDEX_UNITS[key]
+    unit = DESCRIBED[key].unit
     first: Runs = (
         "The desired poles are ",
         *poles_runs(document["poles"]),
@@ -94,13 +101,7 @@ def _compared(base: Mapping[str, Any]) -> Runs:
         ", ",
         times_runs(factor if smaller else 1 / factor),
         f" times {'smaller' if smaller else 'larger'} than with ",
-        ZETA,
-        " = ",
-        Quantity(base["zeta"]),
-        ", ",
-        OMEGA,
-        " = ",
-        Quantity(base["omega_n"], "rad/s"),
+        *poles_runs([(base["zeta"], base["omega_n"])]),
         " under the same limits",
         *(() if base["feasible"] else (broken,)),
     )
@@ -118,25 +119,20 @@ def worst_chapter(record: DesignRecord) -> ReportSection:
     others = [] if base is None else [base["worst_case"]]
     columns = [document["worst_case"], *others, document["nominal"]]
 
-    def row(label: Runs, key: str, unit: str) -> tuple[Runs, ...]:
-        cells = tuple((Quantity(c[key], unit) if key in c else "–",) for c in columns)  # noqa: RUF001
-        return (label, *cells)
+    def row(key: str) -> tuple[Cell, ...]:
+        told = DESCRIBED[key]
+        cells = (Quantity(c[key], told.unit) if key in c else "–" for c in columns)  # noqa: RUF001
+        return (LABELS.get(key, told.label), *cells)
 
-    rows = [row((key.upper(),), key, unit) for key, unit in INDEX_UNITS.items()]
+    unit = DESCRIBED["itae"].unit
+    rows = [*map(row, OBJECTIVES)]
     rows += [
-        ((f"ITAE, {part}",), *((Quantity(c["itae_split"][part], "m s^2"),) for c in columns))
+        (f"ITAE, {part}", *(Quantity(c["itae_split"][part], unit) for c in columns))
         for part in PARTS
     ]
-    rows += [
-        row(("largest commanded voltage",), "peak_voltage", "V"),
-        row(("smallest commanded voltage",), "min_voltage", "V"),
-        row(("peak of ", Maths(r"\lvert S\rvert")), "ms", "-"),
-        row(("the same, one more sample",), "ms_one_more_sample", "-"),
-        row(("spectral radius",), "spectral_radius", "-"),
-        row(("voltage from sensor noise",), "noise_voltage", "V"),
-        row(("at ", RATIO), "ratio", "-"),
-    ]
-    table = Table(
+    rows += map(row, OF_A_FAMILY)
+    name = called(document)
+    table = tabled(
         "worst",
         (
             "Figures of the loop at their worst over ",
@@ -147,13 +143,8 @@ def worst_chapter(record: DesignRecord) -> ReportSection:
             Quantity(high),
             ", and on the plant that the controller believes in.",
         ),
-        (
-            ("figure",),
-            (called(document),),
-            *((("yardstick",),) if others else ()),
-            (f"{called(document)}, nominal",),
-        ),
-        tuple(rows),
+        ("figure", name, *(["yardstick"] if others else []), f"{name}, nominal"),
+        rows,
         design_command(record),
         "l" + "r" * len(columns),
     )
@@ -198,44 +189,39 @@ def limits_chapter(record: DesignRecord) -> ReportSection:
     """Return the limits and the margins."""
     document = record.document
     signs = {"upper": Maths(r"\le"), "lower": Maths(r"\ge")}
-    limits = Table(
+    limits = tabled(
         "limits",
-        ("The limits, each at its worst.",),
-        (("limit",), ("value",), ("allowed",), ("kept",)),
-        tuple(
+        "The limits, each at its worst.",
+        ("limit", "value", "allowed", "kept"),
+        (
             (
-                (c["name"],),
-                (Quantity(c["value"], c["unit"]),),
-                ("no limit",)
+                c["name"],
+                Quantity(c["value"], c["unit"]),
+                "no limit"
                 if c["limit"] is None
                 else (signs[c["side"]], " ", Quantity(c["limit"], c["unit"])),
-                ("yes" if c["satisfied"] else Strong("no"),),
+                yes(c["satisfied"]),
             )
             for c in document["constraints"]
         ),
         design_command(record),
         "lrrl",
     )
-    shown = (
-        ("gain may rise by the factor", "gain_up", "-"),
-        ("gain may fall by the factor", "gain_down", "-"),
-        ("phase", "phase_deg", "deg"),
-        ("further delay", "delay_s", "s"),
-        ("peak of |S|", "ms", "-"),
-    )
+    names = {"gain_up": "gain may rise by the factor", "gain_down": "gain may fall by the factor"}
+    names["ms"] = "peak of |S|"
     margins = document["margins"]
-    table = Table(
+    table = tabled(
         "margins",
-        ("Margins of the sampled loop, each at the gap and the ratio where it is smallest.",),
-        (("margin",), ("value",), ("gap",), (RATIO,)),
-        tuple(
+        "Margins of the sampled loop, each at the gap and the ratio where it is smallest.",
+        ("margin", "value", "gap", RATIO),
+        (
             (
-                (label,),
-                (Quantity(margins[key]["value"], unit),),
-                (Quantity(margins[key]["gap"], "m"),),
-                (Quantity(margins[key]["ratio"]),),
+                names.get(key, DESCRIBED[key].label),
+                Quantity(margins[key]["value"], DESCRIBED[key].unit),
+                Quantity(margins[key]["gap"], "m"),
+                Quantity(margins[key]["ratio"]),
             )
-            for label, key, unit in shown
+            for key in (*MARGINS, "ms")
         ),
         design_command(record),
         "lrrr",
@@ -254,17 +240,8 @@ def limits_chapter(record: DesignRecord) -> ReportSection:
 
 def _yardstick(base: Mapping[str, Any]) -> Runs:
     """Return which poles the design is compared with."""
-    return (
-        "The yardstick is ",
-        ZETA,
-        " = ",
-        Quantity(base["zeta"]),
-        ", ",
-        OMEGA,
-        " = ",
-        Quantity(base["omega_n"], "rad/s"),
-        ", with the same method and reading. ",
-    )
+    poles = poles_runs([(base["zeta"], base["omega_n"])])
+    return ("The yardstick is ", *poles, ", with the same method and reading. ")
 
 
 def verification_chapter(record: DesignRecord) -> ReportSection:
@@ -275,23 +252,17 @@ def verification_chapter(record: DesignRecord) -> ReportSection:
     base = document["baseline"]
     if base is not None:
         rows.append(("yardstick", base["worst_case"], base["verification"]))
-    table = Table(
+    table = tabled(
         "verification",
-        (f"The worst-case {key.upper()}, computed twice.",),
+        f"The worst-case {key.upper()}, computed twice.",
+        ("design", "first integrator", "second integrator", "relative difference", "passed"),
         (
-            ("design",),
-            ("first integrator",),
-            ("second integrator",),
-            ("relative difference",),
-            ("passed",),
-        ),
-        tuple(
             (
-                (name,),
-                (Quantity(found[key], INDEX_UNITS[key], 7),),
-                (Quantity(again[key], INDEX_UNITS[key], 7),),
-                (Quantity(again["relative_difference"], "-", 2),),
-                ("yes" if again["passed"] else Strong("no"),),
+                name,
+                Quantity(found[key], DESCRIBED[key].unit, 7),
+                Quantity(again[key], DESCRIBED[key].unit, 7),
+                Quantity(again["relative_difference"], "-", 2),
+                yes(again["passed"]),
             )
             for name, found, again in rows
         ),
@@ -324,25 +295,19 @@ def alternatives_chapter(record: DesignRecord) -> ReportSection | None:
         rows.append(
             (
                 (f"{kind} ", Code(other["name"]), f", {anew}"),
-                (Quantity(worst[key], INDEX_UNITS[key]),),
-                (times_runs(other["improvement"]),),
-                (Quantity(worst["peak_voltage"], "V"),),
-                (Quantity(worst["ms"]),),
-                ("yes" if other["feasible"] else Strong("no"),),
+                Quantity(worst[key], DESCRIBED[key].unit),
+                times_runs(other["improvement"]),
+                Quantity(worst["peak_voltage"], "V"),
+                Quantity(worst["ms"]),
+                yes(other["feasible"]),
             )
         )
-    table = Table(
+    worst_key, ms = f"worst {key.upper()}", Maths("M_s")
+    table = tabled(
         "alternatives",
-        ("What another choice would give, all else as it is.",),
-        (
-            ("choice",),
-            (f"worst {key.upper()}",),
-            ("better by",),
-            ("largest command",),
-            (Maths("M_s"),),
-            ("limits kept",),
-        ),
-        tuple(rows),
+        "What another choice would give, all else as it is.",
+        ("choice", worst_key, "better by", "largest command", ms, "limits kept"),
+        rows,
         design_command(record),
         "lrrrrl",
     )
@@ -388,24 +353,24 @@ def certificate_chapter(record: DesignRecord) -> ReportSection | None:
             " was found by a solver, rounded to fractions and verified in exact arithmetic.",
         )
     )
-    rows: list[tuple[Runs, ...]] = [
-        (("gaps from",), (Quantity(near, "m"),)),
-        (("gaps to",), (Quantity(far, "m"),)),
-        ((RATIO, " from"), (Quantity(low),)),
-        ((RATIO, " to"), (Quantity(high),)),
+    rows: list[tuple[Cell, Cell]] = [
+        ("gaps from", Quantity(near, "m")),
+        ("gaps to", Quantity(far, "m")),
+        ((RATIO, " from"), Quantity(low)),
+        ((RATIO, " to"), Quantity(high)),
         (
             (Maths(r"\sqrt{V}"), " falls at least as ", Maths("e^{-at}"), ", ", Maths("a"), " ="),
-            (Quantity(found["decay"], "1/s"),),
+            Quantity(found["decay"], "1/s"),
         ),
     ]
     if found["largest_beta_error"] is not None:
         widest = Quantity(100 * found["largest_beta_error"], "%")
-        rows.append((("largest error of ", Maths(r"\beta"), " with such a proof"), (widest,)))
-    table = Table(
+        rows.append((("largest error of ", Maths(r"\beta"), " with such a proof"), widest))
+    table = tabled(
         "certificate",
-        ("What is proved of the sampled loop.",),
-        (("quantity",), ("value",)),
-        tuple(rows),
+        "What is proved of the sampled loop.",
+        ("quantity", "value"),
+        rows,
         "maglev-design certify design/design.json",
         "lr",
     )

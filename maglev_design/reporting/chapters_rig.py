@@ -27,7 +27,7 @@ from maglev_design.reporting.content import (
     Quantity,
     ReportSection,
     Runs,
-    Table,
+    tabled,
 )
 from maglev_design.reporting.words import GAIN_UNITS
 from maglev_design.rig import fields
@@ -49,15 +49,15 @@ EQUATION_UNITS |= {"f_y": "V/m", "f_a": "V s^2/m", "x1_max": "m s"}
 def rig_chapter(record: DesignRecord) -> ReportSection:
     """Return the rig's numbers with units, and where they are from."""
     rig = record.document["rig"]
-    rows = tuple((c, prose.runs(meaning), value) for c, meaning, value in _rig_rows(rig))
+    rows = ((c, prose.runs(meaning), value) for c, meaning, value in _rig_rows(rig))
     says = [Paragraph(("The rig is ", rig["name"], ". All quantities are in SI units."))]
     for key, start in (("source", "Source of the values: "), ("notes", "What they do not claim: ")):
         if rig.get(key):
             says.append(Paragraph((start, rig[key])))
-    table = Table(
+    table = tabled(
         "rig",
-        ("The rig: every number that the design rests on.",),
-        (("key",), ("meaning",), ("value",)),
+        "The rig: every number that the design rests on.",
+        ("key", "meaning", "value"),
         rows,
         design_command(record),
         "lpr",
@@ -126,20 +126,17 @@ def scheme_chapter(record: DesignRecord) -> ReportSection:
         ("The control scheme: Fig. 2 of the paper, with the sampling and the clamp of a rig.",),
         REPORT,
     )
+    gain = "gain, eq. (25)" if _double(record) else "gain"
     rows = [
-        ((Maths("U"),), ("voltage of the equilibrium",), (Quantity(believed.U, "V", 8),)),
-        ((Maths("C_U"),), ("voltage coefficient",), (Quantity(believed.C_U, "m/(s^2 V)", 8),)),
-        ((Maths("C_Y"),), ("gap coefficient",), (Quantity(believed.C_Y, "1/s^2", 8),)),
+        (Maths("U"), "voltage of the equilibrium", Quantity(believed.U, "V", 8)),
+        (Maths("C_U"), "voltage coefficient", Quantity(believed.C_U, "m/(s^2 V)", 8)),
+        (Maths("C_Y"), "gap coefficient", Quantity(believed.C_Y, "1/s^2", 8)),
+        *(
+            (Maths(f"{name[0]}_{name[1]}"), gain, Quantity(value, GAIN_UNITS[name], 8))
+            for name, value in document["gains"].items()
+        ),
     ]
-    rows += [
-        (
-            (Maths(f"{name[0]}_{name[1]}"),),
-            ("gain, eq. (25)" if _double(record) else "gain",),
-            (Quantity(value, GAIN_UNITS[name], 8),),
-        )
-        for name, value in document["gains"].items()
-    ]
-    controller = Table(
+    controller = tabled(
         "controller",
         (
             "The controller in continuous time. Reading of the equilibrium: ",
@@ -148,17 +145,17 @@ def scheme_chapter(record: DesignRecord) -> ReportSection:
             *prose.runs(READINGS[design.equilibrium]),
             ".",
         ),
-        (("letter",), ("meaning",), ("value",)),
-        tuple(rows),
+        ("letter", "meaning", "value"),
+        rows,
         design_command(record),
         "llr",
     )
-    difference = Table(
+    difference = tabled(
         "difference",
-        ("The controller that runs: coefficients of the difference equation.",),
-        (("coefficient",), ("value",)),
-        tuple(
-            ((Code(name),), (Quantity(value, EQUATION_UNITS[name], 17),))
+        "The controller that runs: coefficients of the difference equation.",
+        ("coefficient", "value"),
+        (
+            (Code(name), Quantity(value, EQUATION_UNITS[name], 17))
             for name, value in document["difference_equation"].items()
         ),
         design_command(record),
@@ -173,18 +170,10 @@ def _double(record: DesignRecord) -> bool:
 
 def commands_chapter(record: DesignRecord) -> ReportSection:
     """Return what makes all of this again."""
-    versions = record.document["versions"]
+    versions, weakest = record.document["versions"], record.document["family"]["ratios"][0]
     blocks: list[Any] = [
         Paragraph(("The design, this report, and one run of the design on a plant that is off:",)),
-        Listing(
-            "\n".join(
-                (
-                    design_command(record),
-                    REPORT,
-                    simulate_command(record.document["family"]["ratios"][0]),
-                )
-            )
-        ),
+        Listing("\n".join((design_command(record), REPORT, simulate_command(weakest)))),
         Paragraph(
             (
                 "Made with ",

@@ -22,6 +22,8 @@ from maglev_design.reporting.content import (
     Runs,
     Strong,
     Table,
+    tabled,
+    yes,
 )
 from maglev_design.reporting.derivation_steps import Derivation
 from maglev_design.reporting.words import unit_latex
@@ -85,15 +87,15 @@ def reading_chapter(record: DesignRecord) -> ReportSection:
 def routh_chapter(record: DesignRecord, derivation: Derivation) -> ReportSection:
     """Return the Routh array in letters, and its first column in numbers."""
     columns = max(len(entries) for _, entries in derivation.routh)
-    letters = Table(
+    letters = tabled(
         "routh-letters",
-        ("The Routh array. Each entry below the first two rows is made of the two rows above it.",),
-        (("power",), *((f"column {n}",) for n in range(1, columns + 1))),
-        tuple(
+        "The Routh array. Each entry below the first two rows is made of the two rows above it.",
+        ("power", *(f"column {n}" for n in range(1, columns + 1))),
+        (
             (
-                (Maths(power),),
-                *((Maths(rf"\displaystyle {entry}"),) for entry in entries),
-                *[("",)] * (columns - len(entries)),
+                Maths(power),
+                *(Maths(rf"\displaystyle {entry}") for entry in entries),
+                *[""] * (columns - len(entries)),
             )
             for power, entries in derivation.routh
         ),
@@ -121,12 +123,12 @@ def _routh_table(record: DesignRecord) -> Table:
     corners = [(gap, ratio) for gap in gaps for ratio in sorted(set(ratios))]
     points = [(record.design.Y, 1.0), *corners]
     found = [_first_column(record, *point) for point in points]
-    rows = tuple(
+    rows = (
         (
-            (Quantity(gap, "m"),),
-            (Quantity(ratio),),
-            *((Quantity(value),) for value in column),
-            ("yes" if all(value > 0 for value in column) else Strong("no"),),
+            Quantity(gap, "m"),
+            Quantity(ratio),
+            *map(Quantity, column),
+            yes(all(x > 0 for x in column)),
         )
         for (gap, ratio), column in zip(points, found, strict=True)
     )
@@ -135,13 +137,11 @@ def _routh_table(record: DesignRecord) -> Table:
         (Maths(power), *((" [", Maths(unit_latex(unit[0])), "]") if unit else ()))
         for power, *unit in units
     )
-    return Table(
+    return tabled(
         "routh",
-        (
-            "First column of the Routh array: as designed, and at the ends of the gaps travelled "
-            "with the ends of the ratio.",
-        ),
-        (("gap",), (RATIO,), *powers, ("stable",)),
+        "First column of the Routh array: as designed, and at the ends of the gaps travelled with "
+        "the ends of the ratio.",
+        ("gap", RATIO, *powers, "stable"),
         rows,
         REPORT,
         "rr" + "r" * 5 + "l",
@@ -194,14 +194,14 @@ def derivation_chapters(record: DesignRecord, derivation: Derivation) -> tuple[R
         chapters.append(ReportSection(title, tuple(blocks), 2))
         if any(block.tag == "A7-routh" for block in blocks if isinstance(block, Formula)):
             chapters.append(routh_chapter(record, derivation))
-    letters = Table(
+    letters = tabled(
         "letters",
-        ("The letters.",),
-        (("letter",), ("unit",), ("meaning",)),
-        tuple(
+        "The letters.",
+        ("letter", "unit", "meaning"),
+        (
             (
-                (Maths(latex),),
-                ("–",) if unit == "-" else (Maths(unit_latex(unit)),),  # noqa: RUF001 - a dash
+                Maths(latex),
+                "–" if unit == "-" else Maths(unit_latex(unit)),  # noqa: RUF001 - a dash
                 prose.runs(meaning),
             )
             for latex, unit, meaning in derivation.symbols

@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from maglev_design.figures import DESCRIBED, INDICES, MARGINS, PARTS
 from maglev_design.reporting.escape import markdown_code, markdown_line
+from maglev_design.reporting.words import headed
 
 COLUMNS = (
-    ("ISE [m² s]", "ise"),
-    ("IAE [m s]", "iae"),
-    ("ITAE [m s²]", "itae"),
+    *((headed(index), index) for index in INDICES),
     ("peak u [V]", "peak_voltage"),
     ("TV u [V]", "total_variation"),
     ("settling [s]", "settling"),
@@ -77,28 +77,18 @@ def margin_table(document: Mapping[str, Any]) -> TextTable:
             named(m) + (f", {m['method']}" if several else ""),
             short(m["ms"]["value"]),
             short(m["ms_one_more_sample"]),
-            short(m["gain_up"]["value"]),
-            short(m["gain_down"]["value"]),
-            short(m["phase_deg"]["value"]),
-            short(_thousandfold(m["delay_s"]["value"])),
+            *(short(_scaled(m[key]["value"], DESCRIBED[key].scale)) for key in MARGINS),
         )
         for m in document["margins"]
     ]
-    head = (
-        "controller",
-        "Ms",
-        "Ms, +1 sample",
-        "gain up",
-        "gain down",
-        "phase [deg]",
-        "delay [ms]",
-    )
+    margins = ("gain up", "gain down", "phase [deg]", "delay [ms]")
+    head = ("controller", "Ms", "Ms, +1 sample", *margins)
     title = "Margins of the sampled loop, worst over the path and the rig's uncertainty of beta"
     return TextTable(title, head, tuple(rows))
 
 
-def _thousandfold(value: float | None) -> float | None:
-    return None if value is None else 1e3 * value
+def _scaled(value: float | None, scale: float) -> float | None:
+    return None if value is None else scale * value
 
 
 def spread_table(document: Mapping[str, Any]) -> TextTable:
@@ -109,13 +99,13 @@ def spread_table(document: Mapping[str, Any]) -> TextTable:
             r["test"],
             *(
                 f"{short(r['spread'][k]['low'])} to {short(r['spread'][k]['high'])}"
-                for k in ("ise", "iae", "itae")
+                for k in INDICES
             ),
         )
         for r in document["results"]
         if r["spread"]
     ]
-    head = ("controller", "test", "ISE [m² s]", "IAE [m s]", "ITAE [m s²]")
+    head = ("controller", "test", *map(headed, INDICES))
     return TextTable("95 % of the seeds lie in", head, tuple(rows), words=2)
 
 
@@ -172,7 +162,7 @@ def guesses(document: Mapping[str, Any]) -> tuple[str, ...]:
     return tuple(f"{label}* is a guess: {text}." for label, text in found.items())
 
 
-SPLIT_HEADER = ("controller", "index", "start", "move", "hold")
+SPLIT_HEADER = ("controller", "index", *PARTS)
 
 
 def split_table(document: Mapping[str, Any]) -> TextTable:
@@ -181,7 +171,7 @@ def split_table(document: Mapping[str, Any]) -> TextTable:
     for r in document["results"]:
         if r["test"] != "nominal":
             continue
-        for index in ("ise", "iae", "itae"):
+        for index in INDICES:
             parts = r[f"{index}_split"]
             whole = sum(parts.values())
             shares = (f"{100 * parts[p] / whole:.3g} %" if whole else "-" for p in parts)

@@ -6,7 +6,7 @@ by a user. Numbers stay numbers with a unit until a form prints them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -117,6 +117,28 @@ class Table:
         widths = {len(self.align), len(self.header), *map(len, self.rows)}
         if len(widths) != 1:
             raise ValueError(f"table {self.id}: rows of different lengths: {sorted(widths)}")
+
+
+Cell = Inline | Runs
+"""Of a table: one run, or several."""
+
+
+def tabled(
+    name: str, caption: Cell, header: Iterable[Cell], rows: Iterable[Iterable[Cell]], *how: str
+) -> Table:
+    """Return a table whose cells may be single runs; `how` is its command and its alignment."""
+
+    def runs(cells: Iterable[Cell]) -> tuple[Runs, ...]:
+        return tuple(cell if isinstance(cell, tuple) else (cell,) for cell in cells)
+
+    command, align = how
+    (told,) = runs([caption])
+    return Table(name, told, runs(header), tuple(map(runs, rows)), command, align)
+
+
+def yes(holds: bool) -> Inline:
+    """Return the word of a cell that says whether something holds."""
+    return "yes" if holds else Strong("no")
 
 
 @dataclass(frozen=True)

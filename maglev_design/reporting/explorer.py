@@ -9,7 +9,8 @@ from __future__ import annotations
 from typing import Any
 
 from maglev_design.controller import design as designs
-from maglev_design.controller.design import timing
+from maglev_design.controller.design import PATH_ENDS, timing
+from maglev_design.files import picked
 from maglev_design.lowering import Program
 from maglev_design.programs import (
     acceleration_program,
@@ -105,10 +106,7 @@ def explorer_data(record: DesignRecord) -> dict[str, Any]:
             "T_1": when.part,
             "u_min": rig.limits.voltage[0],
             "u_max": rig.limits.voltage[1],
-            "start_gap": path.start_gap,
-            "end_gap": path.end_gap,
-            "start_time": path.start_time,
-            "end_time": path.end_time,
+            **picked(path, *PATH_ENDS),
             "gap_low": grids.contact_gap(rig),
             "gap_high": rig.limits.gap[1],
         },

@@ -9,6 +9,7 @@ from typing import Any
 
 from markupsafe import Markup, escape
 
+from maglev_design.figures import DESCRIBED, OBJECTIVES
 from maglev_design.reporting import mathml
 from maglev_design.reporting.content import (
     Block,
@@ -34,9 +35,7 @@ from maglev_design.reporting.templates import template, text_of
 from maglev_design.reporting.words import GAIN_UNITS, number_text, unit_text
 
 READOUTS = (
-    ("itae", "ITAE", "m s²"),
-    ("iae", "IAE", "m s"),
-    ("ise", "ISE", "m² s"),
+    *((key, DESCRIBED[key].label, unit_text(DESCRIBED[key].unit)) for key in OBJECTIVES),
     ("peak", "largest command", "V"),
     ("least", "smallest command", "V"),
     ("ms", "peak of |S|", ""),

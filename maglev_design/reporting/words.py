@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+from maglev_design.figures import DESCRIBED
+
 GAIN_UNITS = {"k0": "1/s^4", "k1": "1/s^3", "k2": "1/s^2", "k3": "1/s"}
 """Of the gains of the law (20)."""
 
@@ -58,6 +60,17 @@ def unit_text(unit: str) -> str:
         return "–"
     raised = _POWER.sub(lambda match: match[1].strip("()").translate(_RAISED), unit)
     return raised.replace("ohm", "Ω")
+
+
+def headed(key: str) -> str:
+    """Return what stands over a column or at an axis of a figure.
+
+    Examples
+    --------
+    >>> headed("itae")
+    'ITAE [m s²]'
+    """
+    return f"{DESCRIBED[key].label} [{unit_text(DESCRIBED[key].unit)}]"
 
 
 def unit_latex(unit: str) -> str:

@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 
 from maglev_design.controller.design import Design, reference_path
 from maglev_design.errors import check_word
+from maglev_design.figures import EXTREMES
 from maglev_design.options import BACKENDS, Backend
 from maglev_design.simulation import compiled, lanes
 from maglev_design.simulation.grid import LoopGraph
 from maglev_design.simulation.noise import POSITION_CHANNEL, standard_normals
-from maglev_design.simulation.response import PARTS, Crash, Metrics, Response, simulate
+from maglev_design.simulation.response import Crash, Metrics, Response, integrals, simulate
 from maglev_design.simulation.scenario import Scenario, check_fits, parameter_vector, start_state
 from maglev_design.simulation.sensitivities import Sensitivities, start_sensitivities
 from maglev_design.simulation.transient import total_variation
@@ -214,8 +215,6 @@ def summaries(loop: LoopGraph, figures: Array) -> list[Summary]:
 
 def _summary(loop: LoopGraph, row: Array, last: float) -> Summary:
     parts = row[: lanes.PARTS].reshape(3, 3)
-    split = [dict(zip(PARTS, parts[:, k].tolist(), strict=True)) for k in range(3)]
-    total = parts.sum(axis=0)
     head = lanes.PARTS + len(lanes.SCALARS)
     named = dict(zip(lanes.SCALARS, row[lanes.PARTS : head].tolist(), strict=True))
     survived = int(named["survived"])
@@ -224,13 +223,8 @@ def _summary(loop: LoopGraph, row: Array, last: float) -> Summary:
         where = "dropped" if named["last_gap"] >= loop.rig.limits.gap[1] else "magnet"
         crash = Crash(where, float(loop.times[survived]))
     metrics = Metrics(
-        ise=float(total[0]),
-        iae=float(total[1]),
-        itae=float(total[2]),
-        itae_split=split[2],
-        iae_split=split[1],
-        ise_split=split[0],
-        **{name: named[name] for name in lanes.EXTREMES},
+        **integrals(parts.sum(axis=0), parts),
+        **{name: named[name] for name in EXTREMES},
         final_error=named["last_gap"] - last,
         crash=crash,
     )

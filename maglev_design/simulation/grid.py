@@ -35,7 +35,6 @@ CONTACT = 1e-3
 """Share of Y at which a ball counts as touching the magnet when the rig gives no lower limit."""
 
 PLANT_NAMES = ("beta", "g", "y0", "gap_low", "gap_high")
-METRICS = ("ise", "iae", "itae")
 COIL = "u_coil"
 """Row of the emulated coil: its current over C [V]."""
 

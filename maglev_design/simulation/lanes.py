@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from importlib import resources
 
+from maglev_design.figures import EXTREMES, INDICES
+
 LANES = 4
 """Loops in one call of the step: a register of AVX2. gcc takes wider vectors apart.
 
 A single loop fills all of them: four without branches take less time than one with.
 """
 PARTS = 9
-EXTREMES = ("peak_voltage", "min_voltage", "peak_applied", "min_gap", "max_gap")
 SCALARS = (*EXTREMES, "total_variation", "final_error", "survived", "last_gap")
-GRADIENTS = ("ise", "iae", "itae", *EXTREMES)
+GRADIENTS = (*INDICES, *EXTREMES)
 
 
 def resource(name: str) -> str:

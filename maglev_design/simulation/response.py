@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design.controller.design import Design, reference_path
+from maglev_design.figures import INDICES, PARTS
 from maglev_design.rig import Rig
 from maglev_design.simulation import grid as grids
 from maglev_design.simulation.independent import resimulate_continuous
@@ -24,8 +25,6 @@ from maglev_design.simulation.sensitivities import Sensitivities, start_sensitiv
 
 Array = NDArray[np.float64]
 
-PARTS = ("start", "move", "hold")
-"""Of a run: before, during and after the move."""
 SAFETY = 2.0
 """Factor between the difference of two step sizes and the stated error bound (4th order: 16/15)."""
 ROUNDING = 1e-11
@@ -114,6 +113,13 @@ class Response:
     gradients: Mapping[str, Array]
 
 
+def integrals(total: Array, parts: Array) -> dict[str, Any]:
+    """Return what `Metrics` says of the indices: their sums, and a row for each part of the run."""
+    columns = (dict(zip(PARTS, column, strict=True)) for column in parts.T.tolist())
+    split = dict(zip((f"{name}_split" for name in INDICES), columns, strict=True))
+    return dict(zip(INDICES, total.tolist(), strict=True)) | split
+
+
 def simulate(
     loop: grids.LoopGraph,
     design: Design,
@@ -168,21 +174,14 @@ def _response(loop: grids.LoopGraph, history: Array, voltages: Array, track: Arr
         where = "dropped" if rows["y"][-1] >= rig.limits.gap[1] else "magnet"
         crash = Crash(where, float(times[survived]))
     increments, slopes = _quadrature(loop, history, track)
-    ise, iae, itae = increments.sum(axis=0)
     move = (loop.ends > rig.reference.start_time) & (loop.ends <= rig.reference.end_time)
     before = loop.ends <= rig.reference.start_time
-    parts = dict(zip(PARTS, (before, move, ~(before | move)), strict=True))
-    split = [
-        {name: float(increments[mask, k].sum()) for name, mask in parts.items()} for k in range(3)
+    parts = [
+        [increments[mask, k].sum() for k in range(3)] for mask in (before, move, ~(before | move))
     ]
     active = slice(0, min(survived, len(commanded)))
     metrics = Metrics(
-        ise=float(ise),
-        iae=float(iae),
-        itae=float(itae),
-        itae_split=split[2],
-        iae_split=split[1],
-        ise_split=split[0],
+        **integrals(increments.sum(axis=0), np.array(parts)),
         peak_voltage=float(commanded[active].max()),
         min_voltage=float(commanded[active].min()),
         peak_applied=float(applied[active].max()),
@@ -193,7 +192,7 @@ def _response(loop: grids.LoopGraph, history: Array, voltages: Array, track: Arr
     )
     gradients: dict[str, Array] = {}
     if loop.directions:
-        gradients = dict(zip(grids.METRICS, slopes, strict=True))
+        gradients = dict(zip(INDICES, slopes, strict=True))
         gradients |= _extreme_gradients(loop, history, voltages, active)
     return Response(times, rows["y"], rows["v"], reference, commanded, applied, metrics, gradients)
 
@@ -271,13 +270,13 @@ def stated_errors(
     ]
     coarse, fine = (run(loop, design, scenario) for loop in loops)
     crashed = coarse.metrics.crashed or fine.metrics.crashed
-    found = {name: getattr(fine.metrics, name) for name in grids.METRICS}
+    found = {name: getattr(fine.metrics, name) for name in INDICES}
     off = {name: abs(getattr(coarse.metrics, name) - value) for name, value in found.items()}
     switched = continuous and not crashed and not _smooth(loops[0], design, scenario, coarse, run)
     if crashed:
         step, times = float(np.diff(loops[1].ends).max()), fine.times
         size = float(np.abs(fine.gap - fine.reference).max())
-        lost = dict(zip(grids.METRICS, (size**2, size, size * float(times[-1])), strict=True))
+        lost = dict(zip(INDICES, (size**2, size, size * float(times[-1])), strict=True))
         off = {name: value + step * lost[name] for name, value in off.items()}
     elif switched and not emulate:
         exact = resimulate_continuous(loops[1], design, scenario)

@@ -20,11 +20,18 @@ from maglev_design.sweeping.draws import SAMPLINGS, Sampling, beta_is_computed, 
 from maglev_design.sweeping.executors import Runner, in_process, in_processes, locally, on_cluster
 from maglev_design.sweeping.result import DesignResult, SweepResult, recorded, summarise
 from maglev_design.sweeping.scenarios import FIGURES, Plants, plants, plants_of, scenario
-from maglev_design.sweeping.setup import COMPILED_CHUNK, INTERPRETED_CHUNK, KIND, Setup
+from maglev_design.sweeping.setup import (
+    COMPILED_CHUNK,
+    INTERPRETED_CHUNK,
+    KIND,
+    OF_A_SWEEP,
+    Setup,
+)
 
 __all__ = [
     "FIGURES",
     "KIND",
+    "OF_A_SWEEP",
     "SAMPLINGS",
     "DesignResult",
     "Plants",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design.errors import InputError
-from maglev_design.files import write_bytes
+from maglev_design.files import json_bytes, read_document, write_bytes
 from maglev_design.sweeping.scenarios import FIGURES
 from maglev_design.sweeping.setup import Setup, differences
 
@@ -56,19 +55,15 @@ def open_folder(setup: Setup, folder: Path, *, force: bool) -> None:
     except OSError as error:
         raise InputError(f"{folder / CHUNKS}: cannot be made ({error.strerror})") from error
     if stored != setup.description:
-        text = json.dumps(setup.description, indent=2, ensure_ascii=False, allow_nan=False)
-        write_bytes(path, (text + "\n").encode())
+        write_bytes(path, json_bytes(setup.description))
 
 
 def _stored(path: Path) -> dict[str, Any] | None:
     """Return the description in a folder; None without one, or when it cannot be read."""
     try:
-        if path.stat().st_size > LARGEST_SETUP:
-            return None
-        found = json.loads(path.read_bytes().decode("utf-8"))
-    except (OSError, UnicodeDecodeError, ValueError, RecursionError):
+        return read_document(path, "the setup of a sweep", LARGEST_SETUP)
+    except InputError:
         return None
-    return found if isinstance(found, dict) else None
 
 
 def _proof(setup: Setup, number: int) -> NDArray[np.uint8]:

@@ -57,7 +57,7 @@ class DesignResult:
         return {
             "controller": design.controller.name,
             "variant": design.controller.variant or "default",
-            "poles": [list(design.poles.first), list(design.poles.second)],
+            "poles": design.poles.pairs,
             "equilibrium": design.equilibrium,
             "method": design.method,
             "controller_sha256": design.sha256,

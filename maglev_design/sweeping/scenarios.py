@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from maglev_design.controller import design as designs
 from maglev_design.controller.design import Design
 from maglev_design.errors import InputError
+from maglev_design.figures import INDICES, OF_A_RUN
 from maglev_design.rig import DRAWN
 from maglev_design.simulation import (
     LoopGraph,
@@ -33,19 +34,7 @@ from maglev_design.sweeping.setup import Setup
 
 Array = NDArray[np.float64]
 
-FIGURES = (
-    "ise",
-    "iae",
-    "itae",
-    "peak_voltage",
-    "min_voltage",
-    "peak_applied",
-    "min_gap",
-    "max_gap",
-    "final_error",
-    "total_variation",
-    "crash_time",
-)
+FIGURES = (*INDICES, *OF_A_RUN, "crash_time")
 """Of one loop, SI units; ``crash_time`` is nan where the ball levitates to the end."""
 
 _ONE_AT_A_TIME = threading.Lock()
@@ -226,7 +215,7 @@ def _figures(loop: LoopGraph, rows: Array) -> dict[str, Array]:
     parts = rows[:, : lanes.PARTS].reshape(-1, 3, 3)
     totals = parts[:, 0] + parts[:, 1] + parts[:, 2]
     named = {name: rows[:, lanes.PARTS + n] for n, name in enumerate(lanes.SCALARS)}
-    named |= {name: totals[:, n] for n, name in enumerate(("ise", "iae", "itae"))}
+    named |= {name: totals[:, n] for n, name in enumerate(INDICES)}
     last = float(designs.reference_path(loop.rig, loop.times[-1:])[0, 0])
     named["final_error"] = named["last_gap"] - last
     survived = named["survived"].astype(int)

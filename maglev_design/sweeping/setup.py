@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,6 +9,7 @@ from typing import Any
 from maglev_design.controller.data import design_as_data
 from maglev_design.controller.design import Design
 from maglev_design.errors import InputError
+from maglev_design.files import digest, finite, picked
 from maglev_design.options import SCHEMA_VERSION, Backend, Equilibrium
 from maglev_design.rig import Rig, Spread
 from maglev_design.simulation.lanes import LANES
@@ -22,6 +20,8 @@ MOST_SAMPLES = 10_000_000
 MOST_A_CHUNK = 1 << 20
 COMPILED_CHUNK, INTERPRETED_CHUNK = 4096, 64
 """Loops of one design a chunk: below a second on one core, or a few."""
+OF_A_SWEEP = ("samples", "seed", "sampling", "chunk", "noise", "backend")
+"""What a setup holds beside the rig and the designs."""
 KIND = "maglev-design sweep"
 
 
@@ -105,22 +105,16 @@ class Setup:
     @cached_property
     def description(self) -> dict[str, Any]:
         """All of it as JSON data, ``key`` included; an unlimited upper bound is None."""
-        data: dict[str, Any] = _plain(
+        data: dict[str, Any] = finite(
             {
                 "kind": KIND,
                 "schema_version": SCHEMA_VERSION,
-                "samples": self.samples,
-                "seed": self.seed,
-                "sampling": self.sampling,
-                "chunk": self.chunk,
-                "noise": self.noise,
-                "backend": self.backend,
+                **picked(self, *OF_A_SWEEP),
                 "designs": [design_as_data(design) for design in self.designs],
                 "rig": self.rig.model_dump(exclude_none=True),
             }
         )
-        text = json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
-        return data | {"key": hashlib.sha256(text.encode()).hexdigest()}
+        return data | {"key": digest(data)}
 
     @property
     def key(self) -> str:
@@ -147,17 +141,6 @@ def _family_in_words(design: Design) -> str:
         f"that of the reading {design.equilibrium!r} with beta_c = {design.believed.beta:.6g} "
         "m^3/(s^2 V^2)"
     )
-
-
-def _plain(value: Any) -> Any:
-    """Return plain data as JSON has it."""
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 def differences(stored: dict[str, Any], wanted: dict[str, Any]) -> str:

@@ -7,7 +7,7 @@ re-simulates it with an independent integrator and compares it with the paper's 
 from maglev_design.tuning.document import as_json
 from maglev_design.tuning.emulated import EmulatedRow, emulated_row
 from maglev_design.tuning.figures import Figures, judge
-from maglev_design.tuning.problem import OBJECTIVES, TuningProblem, build_problem
+from maglev_design.tuning.problem import TuningProblem, build_problem
 from maglev_design.tuning.relief import Unstabilisable
 from maglev_design.tuning.result import (
     Status,
@@ -18,7 +18,6 @@ from maglev_design.tuning.result import (
 from maglev_design.tuning.tradeoff import TradeOff, trade_off
 
 __all__ = [
-    "OBJECTIVES",
     "EmulatedRow",
     "Figures",
     "Status",

@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -99,7 +99,7 @@ class Emulations:
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data: the figures at ratio 1, and under ``worst`` the others."""
-        return {"period": self.period, **_as_dict(self.nominal), "worst": _as_dict(self.worst)}
+        return {"period": self.period, **asdict(self.nominal), "worst": asdict(self.worst)}
 
 
 @dataclass(frozen=True)
@@ -121,6 +121,11 @@ class Relaxed:
     ms: float
     ms_one_more_sample: float
     emulations: Emulations
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data, the figures of the loop without the coil first."""
+        own = {"poles": self.poles.pairs, "max_ms": self.max_ms, "ms": self.ms}
+        return own | {"ms_one_more_sample": self.ms_one_more_sample} | self.emulations.as_dict()
 
 
 @dataclass(frozen=True)
@@ -160,24 +165,8 @@ class EmulatedRow:
             **self.tuned.as_dict(),
             "baseline": self.baseline and self.baseline.as_dict(),
             "rediscretised": self.rediscretised and self.rediscretised.as_dict(),
-            "relaxed": self.relaxed and _relaxed_as_dict(self.relaxed),
+            "relaxed": self.relaxed and self.relaxed.as_dict(),
         }
-
-
-def _as_dict(found: Emulation) -> dict[str, Any]:
-    return {
-        "ratio": found.ratio,
-        "seeds": found.seeds,
-        "lost": found.lost,
-        "itae": dict(vars(found.itae)),
-        "total_variation": dict(vars(found.total_variation)),
-    }
-
-
-def _relaxed_as_dict(found: Relaxed) -> dict[str, Any]:
-    pairs = [list(found.poles.first), list(found.poles.second)]
-    own = {"poles": pairs, "max_ms": found.max_ms, "ms": found.ms}
-    return own | {"ms_one_more_sample": found.ms_one_more_sample} | found.emulations.as_dict()
 
 
 def emulated_row(

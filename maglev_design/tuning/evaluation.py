@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from maglev_design import linear_loop as loops
 from maglev_design.controller.design import Design, PoleSpec, make_design
+from maglev_design.figures import DESCRIBED
 from maglev_design.simulation import (
     Metrics,
     Scenario,
@@ -206,43 +207,28 @@ def _run(problem: TuningProblem, metrics: Metrics, slopes: Mapping[str, Array]) 
     return TuningRun(
         value=float(getattr(metrics, key)),
         gradient=slopes.get(key, np.zeros(4)),
-        constraints=(
-            *_gap_constraints(problem, metrics, slopes),
-            *_voltage_constraints(problem, metrics, slopes),
-        ),
+        constraints=tuple(_extremes(problem, metrics, slopes)),
         metrics=metrics,
     )
 
 
-def _gap_constraints(
+def _extremes(
     problem: TuningProblem, metrics: Metrics, slopes: Mapping[str, Array]
 ) -> Iterator[Constraint]:
-    low, high = problem.rig.limits.gap
-    scale = problem.rig.operating_point.gap
-    for name, limit, value, key, sign in (
-        ("smallest gap", low, metrics.min_gap, "min_gap", 1),
-        ("largest gap", high, metrics.max_gap, "max_gap", -1),
-    ):
-        if math.isfinite(limit):
+    """Yield the limits of the gap and of the commanded voltage, at their extreme samples."""
+    rig, (low, high) = problem.rig, problem.rig.limits.voltage
+    limited = [("min_gap", "max_gap", rig.limits.gap, rig.operating_point.gap)]
+    if not problem.limits.allow_saturation:
+        span = high - low if math.isfinite(high) else 1.0
+        limited.append(("min_voltage", "peak_voltage", (low, high), span))
+    for *keys, bounds, scale in limited:
+        for key, limit in zip(keys, bounds, strict=True):
+            if not math.isfinite(limit):
+                continue
+            told, value = DESCRIBED[key], getattr(metrics, key)
+            sign = 1 if told.worse == "low" else -1
             slack = sign * (value - limit) / scale
-            slack = slack if metrics.crash is None else min(slack, -1.0)
+            if metrics.crashed and told.unit == "m":
+                slack = min(slack, -1.0)
             gradient = sign * slopes.get(key, np.zeros(4)) / scale
-            yield Constraint(name, "m", limit, value, slack, gradient)
-
-
-def _voltage_constraints(
-    problem: TuningProblem, metrics: Metrics, slopes: Mapping[str, Array]
-) -> Iterator[Constraint]:
-    """Yield the limits of the commanded voltage at its extreme samples."""
-    if problem.limits.allow_saturation:
-        return
-    low, high = problem.rig.limits.voltage
-    scale = high - low if math.isfinite(high) else 1.0
-    for name, limit, value, key, sign in (
-        ("smallest commanded voltage", low, metrics.min_voltage, "min_voltage", 1),
-        ("largest commanded voltage", high, metrics.peak_voltage, "peak_voltage", -1),
-    ):
-        if math.isfinite(limit):
-            slack = sign * (value - limit) / scale
-            gradient = sign * slopes.get(key, np.zeros(4)) / scale
-            yield Constraint(name, "V", limit, value, slack, gradient)
+            yield Constraint(told.label, told.unit, limit, value, slack, gradient)

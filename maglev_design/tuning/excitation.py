@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 from maglev_design.controller.design import check_path_voltage
 from maglev_design.errors import InputError
@@ -28,10 +27,6 @@ class Excitation:
     initial_gap: float
     offset: float
     share_of_Z: float  # noqa: N815 - the paper's letter
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the excitation for JSON."""
-        return asdict(self)
 
 
 def nothing_moves(rig: Rig) -> bool:

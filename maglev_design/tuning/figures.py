@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from maglev_design import linear_loop as loops
 from maglev_design.controller.design import PoleSpec
 from maglev_design.controller.family import Family
+from maglev_design.figures import INDICES
 from maglev_design.simulation import Metrics, resimulate, respond, simulate_batch
 from maglev_design.tuning.emulated import emulated_limits
 from maglev_design.tuning.evaluation import (
@@ -49,7 +50,7 @@ class Figures:
     ms, ms_one_more_sample : float
         Largest |S|, as it is and with one more whole sample of delay [-]; infinite where the loop
         is unstable for a plant of the family.
-    radius, radius_one_more_sample : float
+    spectral_radius, spectral_radius_one_more_sample : float
         Spectral radius of the sampled loop, likewise [-].
     noise_voltage : float
         Largest standard deviation of the voltage that sensor noise makes [V]; infinite likewise.
@@ -68,8 +69,8 @@ class Figures:
     nominal: Metrics
     ms: float
     ms_one_more_sample: float
-    radius: float
-    radius_one_more_sample: float
+    spectral_radius: float
+    spectral_radius_one_more_sample: float
     noise_voltage: float
     constraints: tuple[Constraint, ...]
     other_sign: Metrics
@@ -157,8 +158,8 @@ def judge(problem: TuningProblem, poles: PoleSpec) -> Figures:
         nominal=run(problem, poles, TuningCase(), 1.0).metrics,
         ms=_peak(problem.loop, values, over, radius),
         ms_one_more_sample=_peak(problem.delayed_loop, values, over, later),
-        radius=radius,
-        radius_one_more_sample=later,
+        spectral_radius=radius,
+        spectral_radius_one_more_sample=later,
         noise_voltage=math.inf
         if radius >= 1
         else loops.noise_voltage(problem.loop, values, over, problem.position_noise).value,
@@ -214,9 +215,7 @@ def with_noise(problem: TuningProblem, poles: PoleSpec, figures: Figures) -> Wit
     ]
     designs = [design_at(problem, poles)] * NOISY_RUNS
     found = [x.metrics for x in simulate_batch(problem.runs, designs, scenarios)]
-    ise, iae, itae = (
-        float(np.median([getattr(m, key) for m in found])) for key in ("ise", "iae", "itae")
-    )
+    ise, iae, itae = (float(np.median([getattr(m, key) for m in found])) for key in INDICES)
     return WithNoise(NOISY_RUNS, ise, iae, itae, sum(m.crashed for m in found))
 
 

@@ -9,14 +9,13 @@ what it gives at poles.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design import linear_loop as loops
-from maglev_design import options
 from maglev_design.controller.design import (
     Believed,
     Design,
@@ -26,6 +25,7 @@ from maglev_design.controller.design import (
 )
 from maglev_design.controller.family import Family, family_of
 from maglev_design.errors import InputError, nearest
+from maglev_design.figures import DESCRIBED, OBJECTIVES, ShownFigure
 from maglev_design.options import (
     DEFAULT_MAX_MS,
     TAN_GPI,
@@ -52,22 +52,6 @@ CERTIFICATE = "Lyapunov certificate"
 """Name of the limit that a proof be found."""
 Certifies = Callable[[Design], bool]
 """Whether a controller's sampled loop is proved stable over the gaps and ratios."""
-
-
-@dataclass(frozen=True)
-class Objective:
-    """One row of the table of objectives: an attribute of ``Metrics`` to be made small."""
-
-    key: options.Objective
-    title: str
-    unit: str
-
-
-OBJECTIVES: Mapping[str, Objective] = {
-    "itae": Objective("itae", "integral of t |e|", "m s^2"),
-    "iae": Objective("iae", "integral of |e|", "m s"),
-    "ise": Objective("ise", "integral of e^2", "m^2 s"),
-}
 
 
 @dataclass(frozen=True)
@@ -109,7 +93,8 @@ class TuningProblem:
     Attributes
     ----------
     rig : Rig
-    objective : Objective
+    objective : ShownFigure
+        An attribute of ``Metrics`` to be made small.
     equilibrium, method : str
     believed : Believed
         What every controller of this problem takes the equilibrium to be; fixed.
@@ -140,7 +125,7 @@ class TuningProblem:
     """
 
     rig: Rig
-    objective: Objective
+    objective: ShownFigure
     equilibrium: Equilibrium
     method: Method
     believed: Believed
@@ -275,7 +260,7 @@ def build_problem(
 
     return TuningProblem(
         rig=rig,
-        objective=OBJECTIVES[objective],
+        objective=DESCRIBED[objective],
         equilibrium=equilibrium,
         method=chosen,
         believed=believed,

@@ -38,17 +38,10 @@ class TradeOff:
 
     def as_dicts(self) -> list[dict[str, float | bool]]:
         """Return one table a placement, for JSON."""
-        rows = zip(self.zeta, self.omega_n, self.objective, self.certified, self.front, strict=True)
-        return [
-            {
-                "zeta": float(zeta),
-                "omega_n": float(omega_n),
-                "objective": float(objective),
-                "certified_beta_error": float(certified),
-                "on_front": bool(on_front),
-            }
-            for zeta, omega_n, objective, certified, on_front in rows
-        ]
+        names = ("zeta", "omega_n", "objective", "certified_beta_error", "on_front")
+        columns = (self.zeta, self.omega_n, self.objective, self.certified, self.front)
+        rows = zip(*(column.tolist() for column in columns), strict=True)
+        return [dict(zip(names, row, strict=True)) for row in rows]
 
     @property
     def front(self) -> NDArray[np.bool_]:
@@ -74,14 +67,9 @@ def trade_off(
     found: list[tuple[float, float, float]] = []
     if landscape is not None:
         rows, columns = np.nonzero(landscape.feasible)
-        found = [
-            (
-                float(landscape.zeta[i]),
-                float(landscape.omega_n[j]),
-                float(landscape.objective[i, j]),
-            )
-            for i, j in zip(rows, columns, strict=True)
-        ]
+        points = (landscape.zeta[rows], landscape.omega_n[columns])
+        values = (*points, landscape.objective[rows, columns])
+        found = list(zip(*(column.tolist() for column in values), strict=True))
     best = float(getattr(result.figures.worst, problem.objective.key))
     designs = [design_at(problem, PoleSpec.double(zeta, w)) for zeta, w, _ in found]
     designs.append(result.design)

@@ -11,7 +11,6 @@ only prove something about those.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,7 +31,7 @@ from maglev_design.certification.lyapunov.lmi import LOOPS, LmiCertificate, as_s
 from maglev_design.certification.lyapunov.words import claim_in_words, controller_in_words
 from maglev_design.controller.design import Design, difference_coefficients
 from maglev_design.errors import InputError
-from maglev_design.files import digest, read_document, write_bytes
+from maglev_design.files import digest, json_bytes, read_document, write_bytes
 from maglev_design.options import SCHEMA_VERSION, TAN_GPI
 from maglev_design.rig import Rig
 
@@ -133,8 +132,7 @@ def _entry(found: LmiCertificate) -> dict[str, Any]:
 
 def write(path: Path, certificates: Sequence[LmiCertificate]) -> None:
     """Write :func:`document` to `path`; the same certificates give the same bytes."""
-    text = json.dumps(document(certificates), indent=1, allow_nan=False) + "\n"
-    write_bytes(path, text.encode())
+    write_bytes(path, json_bytes(document(certificates), 1, ascii_only=True))
 
 
 def check(path: Path, against: tuple[Design, Rig] | None = None) -> CheckResult:

@@ -40,6 +40,7 @@ P_GRID = 2**40
 """P is rounded to multiples of 1/P_GRID; its largest eigenvalue is at most 1."""
 NO_MARGIN = 1e-7
 """Below this the solver's margin is zero to its tolerance."""
+OF_SAMPLING = ("method", "period", "delay")
 BETA_STEPS = 1000
 """The largest error of beta is found to one of these parts of 1."""
 DECAY_STEPS = 32
@@ -138,6 +139,7 @@ class LmiCertificate:
     def as_dict(self) -> dict[str, Any]:
         """Return the certificate for JSON: exact rationals as strings."""
         of, over = self.subject, self.claim
+        sampled = over.loop == "sampled"
         return {
             "loop": over.loop,
             "certified": self.certified,
@@ -145,13 +147,9 @@ class LmiCertificate:
             "status": self.status.value,
             "controller_sha256": of.sha256,
             "family": {
-                "gaps": [str(x) for x in over.gaps],
-                "ratios": [str(x) for x in over.ratios],
-                "shifts": [str(x) for x in over.shifts],
+                **{x: list(map(str, getattr(over, x))) for x in ("gaps", "ratios", "shifts")},
                 "voltage_held": over.held,
-                "method": of.method if over.loop == "sampled" else None,
-                "period": str(of.period) if over.loop == "sampled" else None,
-                "delay": str(of.delay) if over.loop == "sampled" else None,
+                **{x: str(getattr(of, x)) if sampled else None for x in OF_SAMPLING},
             },
             "states": list(state_names(of, over.loop)) if self.scale else [],
             "scaling": [str(x) for x in self.scale],

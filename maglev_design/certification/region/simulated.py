@@ -14,6 +14,7 @@ from maglev_design.certification.rationals import decimal
 from maglev_design.certification.region.guaranteed import Region
 from maglev_design.controller.design import Design
 from maglev_design.errors import InputError
+from maglev_design.files import picked
 from maglev_design.options import Backend
 from maglev_design.rig import ReferencePath, Rig
 from maglev_design.simulation import Scenario, loop_for, simulate_batch
@@ -67,9 +68,7 @@ class RegionMap:
     def as_dict(self) -> dict[str, Any]:
         """Return what the map says for JSON; SI units."""
         return {
-            "gap": self.gap,
-            "ratio": self.ratio,
-            "continuous": self.continuous,
+            **picked(self, "gap", "ratio", "continuous"),
             "position_errors": [float(self.e[0]), float(self.e[-1])],
             "velocity_errors": [float(self.v[0]), float(self.v[-1])],
             "starts": int(self.survived.size),

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from maglev_design.figures import INDICES
 from maglev_design.reporting.plots.style import (
     BLUE,
     GREEN,
@@ -20,6 +21,7 @@ from maglev_design.reporting.plots.style import (
     literal,
     save_figure,
 )
+from maglev_design.reporting.words import headed
 
 LOOKS: Mapping[str, tuple[str, Any, str]] = {
     "TAN-GPI": (RED, "-", "o"),
@@ -156,11 +158,7 @@ def index_figure(document: Mapping[str, Any], tests: Sequence[str]) -> Figure:
     shown = [r for r in document["results"] if r["variant"] == "default" and r["label"] in LOOKS]
     first = (shown[0]["method"], shown[0]["equilibrium"])
     shown = [r for r in shown if (r["method"], r["equilibrium"]) == first]
-    for axes, (index, unit) in zip(
-        figure.subplots(1, 3),
-        (("ise", "m² s"), ("iae", "m s"), ("itae", "m s²")),
-        strict=True,
-    ):
+    for axes, index in zip(figure.subplots(1, 3), INDICES, strict=True):
         for k, label in enumerate(LOOKS):
             colour, _, marker = LOOKS[label]
             rows = [
@@ -186,7 +184,7 @@ def index_figure(document: Mapping[str, Any], tests: Sequence[str]) -> Figure:
                 capsize=2,
                 label=label + ("*" if rows[0][1]["guess"] else ""),
             )
-        axes.set(yscale="log", title=f"{index.upper()} [{unit}]", xlim=(-0.5, len(tests) - 0.5))
+        axes.set(yscale="log", title=headed(index), xlim=(-0.5, len(tests) - 0.5))
         axes.set_xticks(range(len(tests)), tests)
         axes.grid(axis="x", visible=False)
         axes.margins(y=0.15)

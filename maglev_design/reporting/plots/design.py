@@ -12,6 +12,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from maglev_design.figures import DESCRIBED
 from maglev_design.record import called
 from maglev_design.reporting.plots.style import (
     BLUE,
@@ -26,19 +27,20 @@ from maglev_design.reporting.plots.style import (
     plain_ticks,
     save_figure,
 )
+from maglev_design.reporting.words import headed
 
 SHADES = ListedColormap(mpl.colormaps["Greys_r"](np.linspace(0.3, 0.9, 256)))
 """Greys that neither white nor dark paper has."""
 
 LIMIT_STYLES = {
     "Ms": (BLUE, "-"),
-    "largest commanded voltage": (RED, "--"),
-    "smallest commanded voltage": (ORANGE, "--"),
+    DESCRIBED["peak_voltage"].label: (RED, "--"),
+    DESCRIBED["min_voltage"].label: (ORANGE, "--"),
     "noise voltage": (GREEN, "-."),
     "spectral radius": (GREY, ":"),
     "Routh-Hurwitz": ("black", ":"),
-    "smallest gap": (GREY, "-."),
-    "largest gap": (GREY, "--"),
+    DESCRIBED["min_gap"].label: (GREY, "-."),
+    DESCRIBED["max_gap"].label: (GREY, "--"),
 }
 
 
@@ -127,8 +129,7 @@ def landscape(curves: Curves, document: Mapping[str, Any]) -> Figure:
     shown = np.log10(np.where(values > 0, values, np.nan))
     mesh = axes.pcolormesh(omega_n, zeta, shown, cmap=SHADES, shading="nearest", edgecolors="face")
     bar = figure.colorbar(mesh, ax=axes)
-    unit = {"itae": "m s²", "iae": "m s", "ise": "m² s"}[document["objective"]]
-    bar.set_label(f"log₁₀ of worst-case {document['objective'].upper()} [{unit}]")
+    bar.set_label(f"log₁₀ of worst-case {headed(document['objective'])}")
     stable = curves["slack: spectral radius"] > 0
     for name, (colour, dash) in LIMIT_STYLES.items():
         slack = curves.get(f"slack: {name}")
@@ -181,11 +182,10 @@ def trade_off(curves: Curves, document: Mapping[str, Any]) -> Figure:
         certified[order], objective[order], color=GREY, lw=1.0, label="nothing better in both"
     )
     axes.plot(certified[-1:], objective[-1:], "*", color=RED, ms=13, mec="white", label="tuned")
-    unit = {"itae": "m s²", "iae": "m s", "ise": "m² s"}[document["objective"]]
     axes.set(
         yscale="log",
         xlabel="certified error of $\\beta$ [%]",
-        ylabel=f"worst-case {document['objective'].upper()} [{unit}]",
+        ylabel=f"worst-case {headed(document['objective'])}",
         title=_title(document, "What robustness costs"),
     )
     figure.legend(loc="outside lower center", ncols=3)
