@@ -345,7 +345,7 @@ def spectral_radius(loop: Loop, poles: Sequence[float], over: Family) -> Extreme
     points = over.grid(*FINE)
     coefficients, jacobian = loop.characteristic(poles, *points[:, None, :])
     rows = coefficients.full().T
-    roots = _roots(rows)
+    roots = polynomial_roots(rows)
     which = int(np.argmax(np.abs(roots).max(axis=1)))
     root = roots[which][int(np.argmax(np.abs(roots[which])))]
     slopes = jacobian.full()[:, 4 * which : 4 * which + 4]
@@ -357,7 +357,7 @@ def spectral_radius(loop: Loop, poles: Sequence[float], over: Family) -> Extreme
     return Extreme(float(abs(root)), float(gap), float(ratio), math.nan, gradient)
 
 
-def _roots(rows: Array) -> NDArray[np.complex128]:
+def polynomial_roots(rows: Array) -> NDArray[np.complex128]:
     """Return the roots of polynomials, one a row, highest power first; shape (n, degree)."""
     degree = rows.shape[1] - 1
     companions = np.zeros((len(rows), degree, degree))
@@ -440,7 +440,7 @@ def coarse_figures(loop: Loop, poles: Array, over: Family) -> Coarse:
         return np.asarray(sign * known.max(axis=1))
 
     return Coarse(
-        radius=worst(np.abs(_roots(coefficients.full().T)).max(axis=1)),
+        radius=worst(np.abs(polynomial_roots(coefficients.full().T)).max(axis=1)),
         hurwitz=worst(hurwitz.full().ravel(), -1.0),
         peak=worst(peaks),
         noise=worst(noise.full().ravel()),

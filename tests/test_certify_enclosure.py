@@ -13,7 +13,7 @@ from mpmath import mp
 from rigs import OFFSET, SHORT, rig_with
 
 from maglev_design.certification.lyapunov import enclosure
-from maglev_design.certification.lyapunov.enclosure import Series, control_points, enclose, root
+from maglev_design.certification.lyapunov.enclosure import UNIT, Series, control_points, enclose
 from maglev_design.certification.lyapunov.family import (
     CertificateClaim,
     ExactSubject,
@@ -23,6 +23,7 @@ from maglev_design.certification.lyapunov.family import (
     scaling,
     subject,
 )
+from maglev_design.certification.rationals import root
 from maglev_design.controller.design import PoleSpec, make_design
 from maglev_design.errors import InputError
 from maglev_design.options import TAN_GPI, Method
@@ -77,7 +78,7 @@ def member(
         p.y: gap,
         cl.ratio: ratio,
         p.T: of.period,
-        first_part: of.part,
+        first_part: of.when.part,
         **dict(zip(GAINS, of.gains, strict=True)),
         **dict(zip(coefficients, of.coefficients, strict=True)),
     }
@@ -88,7 +89,7 @@ def member(
     numbers[p.rho] = numbers[cl.m_gain] * numbers[cl.q]
     numbers[p.C_Y_true] = numbers[cl.C_Y_rest] * numbers[cl.q]
     numbers |= {symbol: value(x, numbers) for symbol, x in cl.HOLD.items()}
-    matrix = symbolic(over.loop, of.method, of.whole, of.part > 0)
+    matrix = symbolic(over.loop, of.method, of.when.whole, of.when.part > 0)
     scale = mp.diag([wide(x) for x in scaling(of, over.loop)])
     return scale * value(matrix, numbers) * scale**-1, numbers[cl.m_gain], numbers[cl.q]
 
@@ -152,7 +153,7 @@ def test_the_box_of_both_coefficients_is_not_the_family() -> None:
     assert max(slowest(vertex) for vertex in around.vertices) < 0
     program = enclosure._continuous_program()
     rest, q = enclosure._point(of).C_Y, enclosure._point(of, over.gaps[0]).fall
-    corner = program.exact(1 / root(over.ratios[1])[1], rest * q, rest, *of.gains)
+    corner = program.exact(1 / root(over.ratios[1], UNIT)[1], rest * q, rest, *of.gains)
     assert slowest(np.array(corner, dtype=float).reshape(4, 4)) > 0
 
 
@@ -168,7 +169,7 @@ def test_what_the_series_lack_is_within_their_error(time: Fraction, part: Fracti
                 cl.q: wide(q),
                 cl.C_Y_rest: wide(enclosure._point(of).C_Y),
                 p.T: wide(of.period),
-                first_part: wide(of.part),
+                first_part: wide(of.when.part),
             }
             for series, exact in zip(found, cl.HOLD.values(), strict=True):
                 cut = sum((c * q**k for k, c in enumerate(series.coefficients)), Fraction(0))

@@ -38,7 +38,7 @@ def test_the_numbers_of_the_rig_are_the_decimals_and_the_gains_the_doubles() -> 
 
 def test_a_delay_is_whole_periods_and_a_part() -> None:
     of = subject_of(rig_with(MINIMAL, {"sampling.delay": 0.0023}))
-    assert (of.whole, of.part) == (2, Fraction("0.0003"))
+    assert (of.when.whole, of.when.part) == (2, Fraction("0.0003"))
 
 
 def test_the_default_gaps_are_the_hull_of_path_initial_gap_and_Y() -> None:

@@ -14,7 +14,7 @@ from maglev_design.certification.intervals import sampled_limits
 from maglev_design.certification.intervals.arithmetic import OPERATORS, between, number, working
 from maglev_design.certification.intervals.jets import coefficients, variable, widened
 from maglev_design.certification.intervals.positivity import positive
-from maglev_design.certification.intervals.sampled import Setting, enclose, setting, timing
+from maglev_design.certification.intervals.sampled import Setting, enclose, setting
 from maglev_design.certification.intervals.sampled_interval import sampled_ratios_at
 from maglev_design.certification.intervals.sampled_limits import (
     LimitStatus,
@@ -28,10 +28,16 @@ from maglev_design.certification.intervals.sampled_path import (
     sampled_ratios_over,
 )
 from maglev_design.certification.rationals import decimal
-from maglev_design.controller.design import Design, PoleSpec, believed_equilibrium, make_design
+from maglev_design.controller.design import (
+    Design,
+    PoleSpec,
+    believed_equilibrium,
+    exact_timing,
+    make_design,
+)
 from maglev_design.controller.family import Family, family_of
 from maglev_design.options import CONTROLLERS, EQUILIBRIA, METHODS, Controller, Equilibrium, Method
-from maglev_design.rig import Rig, load_rig
+from maglev_design.rig import MOST_DELAYED_PERIODS, Rig, load_rig
 
 PAPER, POLES = load_rig("belmonte2021"), PoleSpec.double(1, 70)
 PATH = (0.012, 0.0246)
@@ -61,7 +67,7 @@ def model(method: Method = "tustin") -> Setting:
     return setting(PAPER, make_design(PAPER, POLES, method=method))
 
 
-ONE_MS = timing(Fraction(1, 1000), Fraction(0))
+ONE_MS = exact_timing(Fraction(1, 1000), Fraction(0))
 
 
 # --- tools ----------------------------------------------------------------------------------
@@ -131,7 +137,7 @@ def test_the_enclosed_polynomial_is_that_of_the_loop(
     rig, controller = with_delay(delay), Controller(name)  # type: ignore[arg-type]
     design = designed(rig, "appendix-a", method=method, controller=controller)
     own = setting(rig, design)
-    at = timing(decimal(0.001), decimal(delay))
+    at = exact_timing(decimal(0.001), decimal(delay))
     affine = enclose(own, at, decimal(0.021))
     v = Fraction((1.25 / float(own.scale)) ** (1 / own.power))
     mine = np.array([float(c) for c in affine.at(number(v))])
@@ -157,7 +163,7 @@ def test_eigenvalues_change_sides_at_every_sampled_end(
 ) -> None:
     design, gap = designed(rig, reading, method=method), rig.operating_point.gap
     own = setting(rig, design)
-    at = timing(decimal(rig.sampling.period), decimal(rig.sampling.delay))
+    at = exact_timing(decimal(rig.sampling.period), decimal(rig.sampling.delay))
     found = sampled_ratios_at(own, at, gap)
     loop = loops.loop_of(rig, design)
     for span in found.spans:
@@ -178,7 +184,7 @@ def test_the_paper_s_rig_has_the_sampled_ends_that_were_found_by_eigenvalues() -
 
 
 def test_a_loop_that_is_too_late_has_an_empty_set() -> None:
-    late = timing(Fraction(1, 1000), Fraction(1, 100))
+    late = exact_timing(Fraction(1, 1000), Fraction(1, 100))
     found = sampled_ratios_at(model(), late, 0.0246)
     assert found.spans == ()
     assert found.as_dict(Fraction(1), "model")["lower"] is None
@@ -209,7 +215,7 @@ def test_a_piece_too_wide_to_tell_c_y_from_zero_stays_open() -> None:
 def test_the_interval_over_the_path_is_that_of_its_worst_gaps(delay: float) -> None:
     rig = rig_with(SHORT, {"reference.end_gap": PATH[0], "sampling.delay": delay})
     design = make_design(rig, POLES, method="tustin")
-    at = timing(decimal(0.001), decimal(delay))
+    at = exact_timing(decimal(0.001), decimal(delay))
     (span,) = sampled_ratios_over(setting(rig, design), at, PATH).spans
     loop = loops.loop_of(rig, design)
     gaps = np.linspace(*PATH, 13)
@@ -249,6 +255,25 @@ def test_a_loop_unstable_as_it_stands_has_its_largest_period_below_it() -> None:
     late = largest_delay(model(), 0.02, 0.0, PATH)
     assert late.status is LimitStatus.UNSTABLE
     assert late.value is None
+
+
+def test_no_period_is_looked_at_that_no_rig_with_the_delay_may_have(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The case of a rig at 10 ms with one period of delay; the search took more than minutes."""
+    seen: list[int] = []
+    asked = sampled_limits.radii
+
+    def radii(loop: Setting, when: Any, gaps: Any) -> Any:
+        seen.append(when.whole)
+        return asked(loop, when, gaps)
+
+    monkeypatch.setattr(sampled_limits, "radii", radii)
+    found = largest_period(model(), 0.01, 0.02, PATH)
+    assert MOST_DELAYED_PERIODS - 1 <= max(seen) <= MOST_DELAYED_PERIODS  # to rounding
+    assert found.status is LimitStatus.UNSTABLE
+    assert found.value is None
+    assert found.unstable == 0.02 / MOST_DELAYED_PERIODS
 
 
 def test_a_search_that_gives_up_says_so_and_keeps_what_it_proved() -> None:

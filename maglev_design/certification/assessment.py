@@ -12,7 +12,7 @@ from maglev_design import linear_loop as loops
 from maglev_design import programs
 from maglev_design.certification import margins
 from maglev_design.certification.intervals import interval
-from maglev_design.certification.intervals.sampled import setting, timing
+from maglev_design.certification.intervals.sampled import setting
 from maglev_design.certification.intervals.sampled_interval import sampled_ratios_at
 from maglev_design.certification.intervals.sampled_limits import (
     TimeLimit,
@@ -24,7 +24,7 @@ from maglev_design.certification.intervals.spans import StableSet
 from maglev_design.certification.margins import Margins, PointMargins
 from maglev_design.certification.numbers import check_same_rig
 from maglev_design.certification.rationals import decimal
-from maglev_design.controller.design import Design
+from maglev_design.controller.design import Design, exact_timing
 from maglev_design.controller.family import Family, family_of
 from maglev_design.errors import InputError
 from maglev_design.files import finite, picked
@@ -176,7 +176,7 @@ def assess(own: AssessmentSubject, progress: Progress = lambda _stage, _done: No
     exact = [(interval.ratios_at(x, design.Y), interval.ratios_over(x, gaps)) for x in every]
     progress("sampled intervals", 0.1)
     sampled, (period, delay) = setting(rig, design), (rig.sampling.period, rig.sampling.delay)
-    when = timing(decimal(period), decimal(delay))
+    when = exact_timing(decimal(period), decimal(delay))
     at_y = sampled_ratios_at(sampled, when, design.Y)
     progress("sampled interval over the gaps", 0.3)
     over = sampled_ratios_over(sampled, when, gaps)

@@ -126,9 +126,8 @@ def continuous_open_loop(rig: Rig, design: Design) -> OpenLoop:
     own, program = setting(rig, design), _pencil_program(design.controller)
 
     def at(gap: float, ratio: float) -> tuple[Array, Array]:
-        true = float(own.weight) / (gap + float(own.offset))
-        shape = float(own.shape[0]) + float(own.shape[1]) * true
-        rho = shape / (ratio / float(own.scale)) ** (1 / own.power)
+        true = own.coefficient(gap, float)
+        rho = own.shape_at(true, float) / (ratio / float(own.scale)) ** (1 / own.power)
         values = np.array(program.scalar()(true, *map(float, own.gains)))
         fixed, gain, gain_c_y = np.split(values, 3)
         return rho * (gain + float(own.C_Y_hat) * gain_c_y), fixed

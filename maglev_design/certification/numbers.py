@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from fractions import Fraction
 
-import sympy as sp
 from sympy import Expr, Rational, Symbol
 
 from maglev_design import programs
@@ -19,17 +19,6 @@ from maglev_design.symbolic.linearisation import believed_beta, believed_coeffic
 
 ROUNDING = 1e-12
 """Relative difference between a number as it was designed and the double that runs."""
-
-
-def rational(number: Fraction | int) -> Rational:
-    """Return a Fraction as SymPy writes it."""
-    exact = Fraction(number)
-    return sp.Rational(exact.numerator, exact.denominator)
-
-
-def fraction(number: Rational) -> Fraction:
-    """Return a rational of SymPy's as a Fraction."""
-    return Fraction(int(number.p), int(number.q))
 
 
 def check_same_rig(rig: Rig, design: Design) -> None:
@@ -46,18 +35,20 @@ def check_same_rig(rig: Rig, design: Design) -> None:
             )
 
 
-def as_run(rig: Rig, design: Design) -> dict[Symbol, Expr]:
-    """Return the doubles that run, taken as exact, and the rig's decimals; by symbol.
+def as_run(
+    rig: Rig, design: Design, typed: Callable[[float], Fraction] = decimal
+) -> dict[Symbol, Expr]:
+    """Return the doubles that run, taken as exact, and the rig's numbers as `typed`; by symbol.
 
     ``beta_c`` is that of the ratio beta_c/beta.
     """
     believed = design.believed
     doubles = {p.C_U_hat: believed.C_U, p.C_Y_hat: believed.C_Y}
     doubles |= dict(zip(programs.law(design.controller).gains, design.gains, strict=True))
-    typed = {p.g: rig.plant.gravity, p.y0: rig.plant.gap_offset, p.Y: design.Y}
-    typed |= {p.beta_c: believed.beta}
-    exact = {symbol: rational(Fraction(value)) for symbol, value in doubles.items()}
-    return exact | {symbol: rational(decimal(value)) for symbol, value in typed.items()}
+    plain = {p.g: rig.plant.gravity, p.y0: rig.plant.gap_offset, p.Y: design.Y}
+    plain |= {p.beta_c: believed.beta, p.U: believed.U}
+    exact = {symbol: Rational(value) for symbol, value in doubles.items()}
+    return exact | {symbol: Rational(typed(value)) for symbol, value in plain.items()}
 
 
 def as_designed(rig: Rig, design: Design) -> dict[Symbol, Expr]:
@@ -69,14 +60,13 @@ def as_designed(rig: Rig, design: Design) -> dict[Symbol, Expr]:
     known = as_run(rig, design)
     plant = rig.plant
     typed = {p.m: plant.mass, p.C: plant.current_gain, p.K: plant.force_constant}
-    typed |= {p.U: design.believed.U}
     model = p.magnetic_levitation()
-    numbers = known | {symbol: rational(decimal(value)) for symbol, value in typed.items()}
+    numbers = known | {symbol: Rational(decimal(value)) for symbol, value in typed.items()}
     numbers[p.beta_c] = model.beta.subs(numbers)
     _, c_u, c_y = believed_coefficients(model, linearise(model), design.equilibrium)
     formulas = {p.C_U_hat: c_u, p.C_Y_hat: c_y, p.beta_c: believed_beta(model, design.equilibrium)}
     poles = dict(
-        zip(derived.POLES, (rational(decimal(x)) for x in design.poles.values), strict=True)
+        zip(derived.POLES, (Rational(decimal(x)) for x in design.poles.values), strict=True)
     )
     gains = {k: x.subs(poles) for k, x in derived.gain_expressions(design.controller).items()}
     for group in ({x: formula.subs(numbers) for x, formula in formulas.items()}, gains):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
+from maglev_design.certification.rationals import short
 from maglev_design.cli.arguments import flag
 from maglev_design.cli.certify_tables import print_assessment
 from maglev_design.cli.output import print_json
@@ -104,13 +105,8 @@ def check(path: Path, options: CertifyOptions) -> None:
 def _certificates(own: Any, beta_error: float | None, options: CertifyOptions) -> tuple[Any, ...]:
     from maglev_design.certification.lyapunov.lmi import certify_family  # noqa: PLC0415
 
-    error = None if beta_error is None else _decimal(beta_error)
+    error = None if beta_error is None else short(beta_error)
     return certify_family(own.design, own.rig, beta_error=error, gap_range=options.gap_range)
-
-
-def _decimal(value: float) -> Fraction:
-    """Return the short decimal that a sum of floats stands for."""
-    return Fraction(f"{value:.12g}")
 
 
 @dataclass(frozen=True)
@@ -137,7 +133,7 @@ def _region(own: Any, progress: Any) -> _Region:
     from maglev_design.simulation import cores  # noqa: PLC0415
 
     rig, design = own.rig, own.design
-    low, high = (_decimal(ratio) for ratio in own.family.ratios)
+    low, high = (short(ratio) for ratio in own.family.ratios)
     found = guaranteed.guaranteed_region(rig, design, (low, high))
     progress("simulated map", 0.9)
     whole = simulated.simulated_map(rig, design, threads=cores())

@@ -178,6 +178,20 @@ class Timing:
     held: int
 
 
+@dataclass(frozen=True)
+class ExactTiming:
+    """Period T and delay n T + T_1 [s], exact."""
+
+    period: Fraction
+    whole: int
+    part: Fraction
+
+
+def exact_timing(period: Fraction, delay: Fraction) -> ExactTiming:
+    """Return the delay in whole periods and what is left."""
+    return ExactTiming(period, *divmod(delay, period))
+
+
 def timing(period: float, delay: float) -> Timing:
     """Return delay = n T + T_1, with the decimals of both taken as exact.
 
@@ -186,10 +200,8 @@ def timing(period: float, delay: float) -> Timing:
     >>> timing(0.001, 0.003)
     Timing(whole=3, part=0.0, held=3)
     """
-    exact, step = Fraction(repr(float(delay))), Fraction(repr(float(period)))
-    whole = exact // step
-    part = float(exact - whole * step)
-    return Timing(int(whole), part, int(whole) + (1 if part > 0 else 0))
+    exact = exact_timing(*[Fraction(repr(float(time))) for time in (period, delay)])
+    return Timing(exact.whole, float(exact.part), exact.whole + (exact.part > 0))
 
 
 def gain_names(controller: Controller) -> tuple[str, ...]:

@@ -38,6 +38,9 @@ GAP = Symbol("y", positive=True)
 """[m] The gap y, known to be positive."""
 
 
+Groups = tuple[tuple[Expr, ...], ...]
+
+
 @dataclass(frozen=True)
 class Pencil:
     """The closed loop's polynomial, coefficients highest power first, of one length.
@@ -58,44 +61,30 @@ def continuous_pencil(law: ControlLaw) -> Pencil:
     return _pencil(stability.closed_loop_polynomial(law))
 
 
-@dataclass(frozen=True)
-class SampledParts:
-    """What the sampled loop's pencil in z is the product of, coefficients highest power first.
+def sampled_parts(law: ControlLaw, method: Method, *, split: bool) -> tuple[Groups, Groups]:
+    """Return the factors of the sampled loop's pencil in z, coefficients highest power first.
 
         fixed = plant_den law_den,  gain = plant_gap law_gap + plant_velocity law_velocity,
 
     and gain_c_y likewise with the last two, less whole periods of delay (a power of z in `fixed`).
-
-    Attributes
-    ----------
-    plant_gap, plant_velocity, plant_den : tuple of Expr
-        Of C_Y', T and T_1.
-    law_den, law_gap, law_velocity, law_gap_c_y, law_velocity_c_y : tuple of Expr
-        Of T and the gains, all of one length.
-    """
-
-    plant_gap: tuple[Expr, ...]
-    plant_velocity: tuple[Expr, ...]
-    plant_den: tuple[Expr, ...]
-    law_den: tuple[Expr, ...]
-    law_gap: tuple[Expr, ...]
-    law_velocity: tuple[Expr, ...]
-    law_gap_c_y: tuple[Expr, ...]
-    law_velocity_c_y: tuple[Expr, ...]
-
-
-def sampled_parts(law: ControlLaw, method: Method, *, split: bool) -> SampledParts:
-    """Return the factors of the sampled loop's pencil.
 
     Parameters
     ----------
     split : bool
         Whether the voltage changes inside a period (T_1 > 0); else T_1 = 0, and the pole at zero
         that stands for the earlier voltage is left out.
+
+    Returns
+    -------
+    plant : tuple
+        plant_den, plant_gap and plant_velocity, of C_Y', T and T_1.
+    law : tuple
+        law_den, law_gap, law_velocity, law_gap_c_y and law_velocity_c_y, of T and the gains, all of
+        one length.
     """
     pulse = stability.sampled_law(law, method)
     gap, velocity = stability.sampled_plant("gap"), stability.sampled_plant("velocity")
-    through = [list(gap.numerator), list(velocity.numerator), list(gap.denominator)]
+    through = [list(gap.denominator), list(gap.numerator), list(velocity.numerator)]
     if not split:
         through = [[c.subs(stability.first_part, 0) for c in part] for part in through]
         if any(part.pop() != 0 for part in through):
@@ -104,17 +93,8 @@ def sampled_parts(law: ControlLaw, method: Method, *, split: bool) -> SampledPar
     by_gap, by_velocity = (
         _pencil([p.rho * loop_gain * c for c in part]) for part in (pulse.gap, pulse.velocity)
     )
-    plant_gap, plant_velocity, plant_den = (tuple(part) for part in through)
-    return SampledParts(
-        plant_gap=plant_gap,
-        plant_velocity=plant_velocity,
-        plant_den=plant_den,
-        law_den=pulse.denominator,
-        law_gap=by_gap.gain,
-        law_velocity=by_velocity.gain,
-        law_gap_c_y=by_gap.gain_c_y,
-        law_velocity_c_y=by_velocity.gain_c_y,
-    )
+    own = (by_gap.gain, by_velocity.gain, by_gap.gain_c_y, by_velocity.gain_c_y)
+    return tuple(map(tuple, through)), (pulse.denominator, *own)
 
 
 def _pencil(coefficients: Sequence[Expr]) -> Pencil:

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
-from typing import Literal
+from functools import cache, reduce
+from operator import add
+from typing import Any, Literal
 
 import sympy as sp
 from sympy import Expr, Matrix, Symbol
@@ -257,19 +258,19 @@ def sampled_loop(law: ControlLaw, method: Method, gain: Expr) -> SampledLoop:
     core = sampled_law(law, method)
     gap, velocity = sampled_plant("gap"), sampled_plant("velocity")
     through = zip(
-        _product(gap.numerator, core.gap), _product(velocity.numerator, core.velocity), strict=True
+        product(gap.numerator, core.gap), product(velocity.numerator, core.velocity), strict=True
     )
     return SampledLoop(
         tuple(gain * (a + b) for a, b in through),
-        _product(gap.denominator, core.denominator),
-        _product(gap.denominator, core.gap),
+        product(gap.denominator, core.denominator),
+        product(gap.denominator, core.gap),
     )
 
 
-def _product(first: Sequence[Expr], second: Sequence[Expr]) -> tuple[Expr, ...]:
+def product(first: Sequence[Any], second: Sequence[Any]) -> tuple[Any, ...]:
     """Return the coefficients of the product of two polynomials, their factors left as they are."""
     return tuple(
-        sp.Add(*(x * second[n - i] for i, x in enumerate(first) if 0 <= n - i < len(second)))
+        reduce(add, (x * second[n - i] for i, x in enumerate(first) if 0 <= n - i < len(second)))
         for n in range(len(first) + len(second) - 1)
     )
 

@@ -11,8 +11,6 @@ from itertools import pairwise
 import sympy as sp
 from sympy import Poly, Symbol
 
-from maglev_design.certification.numbers import fraction, rational
-
 NARROW = Fraction(1, 10**30)
 """Width to which isolating intervals are refined, in the unit of the root."""
 
@@ -56,12 +54,12 @@ class Root:
 
 
 def _inside(number: sp.Expr, low: Fraction, high: Fraction) -> bool:
-    return bool(number >= rational(low)) and bool(number <= rational(high))
+    return bool(number >= sp.Rational(low)) and bool(number <= sp.Rational(high))
 
 
 def _decimal(number: Fraction) -> str:
     """Return a decimal near an end of an isolating interval; the interval stays isolating."""
-    return str(sp.Float(rational(number), 28))
+    return str(sp.Float(sp.Rational(number), 28))
 
 
 def positive_roots(polynomials: Iterable[Poly]) -> tuple[Root, ...]:
@@ -85,8 +83,8 @@ def positive_roots(polynomials: Iterable[Poly]) -> tuple[Root, ...]:
             at = Fraction(-int(constant), int(lead))
             ends = [(at, at)]
         else:
-            intervals = primitive.intervals(eps=rational(NARROW), inf=0)
-            ends = [(fraction(a), fraction(b)) for (a, b), _ in intervals]
+            intervals = primitive.intervals(eps=sp.Rational(NARROW), inf=0)
+            ends = [(Fraction(a), Fraction(b)) for (a, b), _ in intervals]
         found += [Root(primitive, low, high) for low, high in ends if high > 0]
     found.sort(key=lambda root: (root.low, root.high))
     for left, right in pairwise(found):
@@ -99,14 +97,9 @@ def squared(root: Root, scale: Fraction, power: int) -> Root:
     """Return scale root^power, power 1 or 2, with its minimal polynomial."""
     symbol = root.polynomial.gen
     if power == 1:
-        image = root.polynomial.as_expr().subs(symbol, x / rational(scale))
+        image = root.polynomial.as_expr().subs(symbol, x / sp.Rational(scale))
     else:
-        # p(v) = E(v^2) + v O(v^2) vanishes only where E(w)^2 - w O(w)^2 does, w = v^2
-        w = x / rational(scale)
-        terms = root.polynomial.as_dict()
-        even = sp.Add(*[c * w ** (n // 2) for (n,), c in terms.items() if n % 2 == 0])
-        odd = sp.Add(*[c * w ** (n // 2) for (n,), c in terms.items() if n % 2 == 1])
-        image = even**2 - w * odd**2
+        image = conjugated(root.polynomial, x / sp.Rational(scale))
     low, high = scale * root.low**power, scale * root.high**power
     candidates = [
         other
@@ -116,6 +109,15 @@ def squared(root: Root, scale: Fraction, power: int) -> Root:
     if len(candidates) != 1:
         raise ArithmeticError(f"cannot tell which root of {image} is meant")
     return candidates[0]
+
+
+def conjugated(polynomial: Poly, w: sp.Expr) -> sp.Expr:
+    """Return p(sqrt(w)) p(-sqrt(w)) = E(w)^2 - w O(w)^2 of p(v) = E(v^2) + v O(v^2)."""
+    terms = polynomial.as_dict(native=False).items()
+    even, odd = (
+        sp.Add(*[c * w ** (n // 2) for (n,), c in terms if n % 2 == side]) for side in (0, 1)
+    )
+    return even**2 - w * odd**2
 
 
 def between(ends: Sequence[Root]) -> tuple[Fraction, ...]:

@@ -13,7 +13,7 @@ from operator import add, mul, neg, sub, truediv
 from typing import Any
 
 from flint import arb, arb_poly, ctx, fmpq
-from sympy import Poly
+from sympy import Poly, Rational
 
 PRECISION = 320
 """[bit] Of every enclosure; a hundred more than the coefficients of fifteen poles cancel."""
@@ -48,12 +48,14 @@ def working(precision: int = PRECISION) -> Iterator[None]:
             ctx.cap = cap
 
 
-def exact(number: Fraction | float) -> fmpq:
+def exact(number: Fraction | Rational | float) -> fmpq:
     """Return a number as it is."""
+    if isinstance(number, Rational):
+        return fmpq(number.p, number.q)
     return fmpq(*number.as_integer_ratio())
 
 
-def number(rational: Fraction | int) -> arb:
+def number(rational: Fraction | Rational | int) -> arb:
     """Return an enclosure of a rational, as narrow as the precision."""
     return arb(exact(rational))
 
@@ -89,7 +91,7 @@ def at(polynomial: Poly, *values: arb) -> arb:
     """Return a rational polynomial at enclosed values, by Horner's rule in the first one."""
     powers: dict[int, arb] = {}
     for monomial, coefficient in polynomial.terms():
-        term = arb(fmpq(int(coefficient.p), int(coefficient.q)))
+        term = number(coefficient)
         for value, exponent in zip(values[1:], monomial[1:], strict=True):
             term *= value**exponent
         powers[monomial[0]] = powers.get(monomial[0], arb(0)) + term

@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
-from math import isqrt
 
 import sympy as sp
 from flint import arb
@@ -33,8 +32,8 @@ from maglev_design.certification.intervals.arithmetic import (
 )
 from maglev_design.certification.intervals.routh import is_hurwitz
 from maglev_design.certification.intervals.spans import End, Span, StableSet, unite
-from maglev_design.certification.numbers import as_designed, fraction, rational
-from maglev_design.certification.rationals import decimal
+from maglev_design.certification.numbers import as_designed
+from maglev_design.certification.rationals import decimal, root
 from maglev_design.controller.design import Design
 from maglev_design.options import Equilibrium
 from maglev_design.rig import Rig
@@ -76,8 +75,8 @@ class ExactLoop:
 
     def stable_at(self, v: Fraction, gap: Fraction) -> bool:
         """Whether the loop is asymptotically stable at a rational point."""
-        values = (c.eval((rational(v), rational(gap))) for c in self.coefficients)
-        return bool(is_hurwitz([fraction(value) for value in values]))
+        values = (c.eval((sp.Rational(v), sp.Rational(gap))) for c in self.coefficients)
+        return bool(is_hurwitz([Fraction(value) for value in values]))
 
 
 @cache
@@ -107,14 +106,14 @@ def exact_loop(rig: Rig, design: Design, recomputed: Equilibrium | None = None) 
         whole = weight * (fixed.subs(p.C_Y_true, true) + rho * (gain + enters.C_Y_hat * gain_c_y))
         exact = sp.expand(sp.cancel(whole.subs(numbers)).subs(p.y, GAP))
         coefficients.append(Poly(exact, V, GAP, domain=sp.QQ))
-    scale = fraction(sp.nsimplify(enters.scale.subs(numbers)))
+    scale = Fraction(sp.nsimplify(enters.scale.subs(numbers)))
     return ExactLoop(tuple(coefficients), scale, enters.power, recomputed)
 
 
 def ratios_at(loop: ExactLoop, gap: float) -> StableSet:
     """Return every beta_c/beta for which the loop is stable at one gap [m]."""
     exact = decimal(gap)
-    boundary = [f.eval(GAP, rational(exact)) for f in loop.boundary]
+    boundary = [f.eval(GAP, sp.Rational(exact)) for f in loop.boundary]
     if loop.power == 0:
         spans = _whole(loop.stable_at(NOMINAL, exact))
         return StableSet((gap, gap), spans, loop.recomputed)
@@ -137,8 +136,8 @@ def ratios_over(loop: ExactLoop, gaps: tuple[float, float]) -> StableSet:
     def holds(v: Fraction) -> bool:
         if vanishes or not loop.stable_at(v, low):
             return False
-        cuts = [Poly(f.eval(V, rational(v)), GAP) for f in factors]
-        return all(c.count_roots(rational(low), rational(high)) == 0 for c in cuts)
+        cuts = [Poly(f.eval(V, sp.Rational(v)), GAP) for f in factors]
+        return all(c.count_roots(sp.Rational(low), sp.Rational(high)) == 0 for c in cuts)
 
     if loop.power == 0:
         return StableSet(gaps, _whole(holds(NOMINAL)), loop.recomputed)
@@ -155,7 +154,7 @@ def ratios_over(loop: ExactLoop, gaps: tuple[float, float]) -> StableSet:
 
 def _critical(factor: Poly, low: Fraction, high: Fraction) -> list[Poly]:
     """Return the polynomials in v at whose zeros `factor` may gain or lose a zero in y."""
-    ends = [Poly(factor.eval(GAP, rational(gap)), V) for gap in (low, high)]
+    ends = [Poly(factor.eval(GAP, sp.Rational(gap)), V) for gap in (low, high)]
     in_gap = Poly(factor.as_expr(), GAP)
     found = [*ends, Poly(in_gap.LC(), V)]
     if in_gap.degree() > 1:
@@ -188,18 +187,16 @@ def gaps_at(loop: ExactLoop) -> StableSet:
 
 def _norm(f: Poly, square: Fraction) -> Poly:
     """Return f(sqrt(square), y) where that is rational, else times f(-sqrt(square), y)."""
-    top, bottom = isqrt(square.numerator), isqrt(square.denominator)
-    if Fraction(top, bottom) ** 2 == square:
-        return Poly(f.eval(V, sp.Rational(top, bottom)), GAP)
-    in_v = Poly(f.as_expr(), V)
-    even = sp.Add(*[c * rational(square) ** (n // 2) for (n,), c in in_v.terms() if n % 2 == 0])
-    odd = sp.Add(*[c * rational(square) ** (n // 2) for (n,), c in in_v.terms() if n % 2 == 1])
-    return Poly(sp.expand(even**2 - rational(square) * odd**2), GAP)
+    v, above = root(square, NOMINAL)
+    if v == above:
+        return Poly(f.eval(V, sp.Rational(v)), GAP)
+    product = algebraic.conjugated(Poly(f.as_expr(), V), sp.Rational(square))
+    return Poly(sp.expand(product), GAP)
 
 
 def loop_at(loop: ExactLoop, *, gap: Fraction) -> tuple[Poly, ...]:
     """Return the coefficients at one gap, in v."""
-    return tuple(Poly(c.eval(GAP, rational(gap)), V) for c in loop.coefficients)
+    return tuple(Poly(c.eval(GAP, sp.Rational(gap)), V) for c in loop.coefficients)
 
 
 @working()

@@ -9,7 +9,7 @@ cancels.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
@@ -24,8 +24,8 @@ from sympy import Symbol
 from maglev_design import programs
 from maglev_design.certification.intervals.arithmetic import OPERATORS, number
 from maglev_design.certification.intervals.jets import variable
-from maglev_design.certification.numbers import as_run, fraction
-from maglev_design.controller.design import Design
+from maglev_design.certification.numbers import as_run
+from maglev_design.controller.design import Design, ExactTiming
 from maglev_design.lowering import Program, lower
 from maglev_design.options import Controller, Method
 from maglev_design.rig import Rig
@@ -62,24 +62,14 @@ class Setting:
     weight: Fraction
     offset: Fraction
 
-    def coefficient(self, gap: Fraction) -> Fraction:
-        """Return C_Y' [1/s^2] at a gap [m]."""
-        return self.weight / (gap + self.offset)
+    def coefficient(self, gap: Any, to: Callable[[Fraction], Any] = Fraction) -> Any:
+        """Return C_Y' [1/s^2] at a gap [m], in numbers that `to` makes of exact ones."""
+        return to(self.weight) / (gap + to(self.offset))
 
-
-@dataclass(frozen=True)
-class SampleTiming:
-    """Period T and delay n T + T_1 [s], exact."""
-
-    period: Fraction
-    whole: int
-    part: Fraction
-
-
-def timing(period: Fraction, delay: Fraction) -> SampleTiming:
-    """Return the delay in whole periods and what is left."""
-    whole = delay // period
-    return SampleTiming(period, int(whole), delay - whole * period)
+    def shape_at(self, true: Any, to: Callable[[Fraction], Any]) -> Any:
+        """Return rho v at C_Y' = `true`."""
+        level, steepness = map(to, self.shape)
+        return level + steepness * true
 
 
 def setting(rig: Rig, design: Design) -> Setting:
@@ -93,13 +83,13 @@ def setting(rig: Rig, design: Design) -> Setting:
     return Setting(
         design.method,
         design.controller,
-        tuple(fraction(numbers[gain]) for gain in law.gains),
+        tuple(Fraction(numbers[gain]) for gain in law.gains),
         _affine(sp.simplify(enters.shape.subs(p.y, gap).subs(numbers)), p.C_Y_true),
-        fraction(numbers[p.C_Y_hat]),
-        fraction(enters.scale.subs(numbers)),
+        Fraction(numbers[p.C_Y_hat]),
+        Fraction(enters.scale.subs(numbers)),
         enters.power,
-        fraction(weight),
-        fraction(numbers[p.y0]),
+        Fraction(weight),
+        Fraction(numbers[p.y0]),
     )
 
 
@@ -109,7 +99,7 @@ def _affine(expression: sp.Expr, variable: Symbol) -> tuple[Fraction, Fraction]:
     if polynomial.degree() > 1:
         raise ArithmeticError(f"{expression} is not affine in {variable}")
     constant, slope = (polynomial.coeff_monomial(variable**n) for n in (0, 1))
-    return fraction(constant), fraction(slope)
+    return Fraction(constant), Fraction(slope)
 
 
 @dataclass(frozen=True)
@@ -142,31 +132,20 @@ class Parts:
         plant_den, plant_gap = plant[:first], plant[first : first + second]
         plant_velocity = plant[first + second :]
         late = [zero] * whole  # z^n on the denominator alone
-        rows = [[*_product(plant_den, den), *late]]
+        rows = [[*stability.product(plant_den, den), *late]]
         for by_gap, by_velocity in ((gap, velocity), (gap_c_y, velocity_c_y)):
-            seen = _product(plant_gap, by_gap)
-            moved = _product(plant_velocity, by_velocity)
+            seen = stability.product(plant_gap, by_gap)
+            moved = stability.product(plant_velocity, by_velocity)
             both = [a + b for a, b in zip(seen, moved, strict=True)]
             rows.append([zero] * (len(rows[0]) - len(both)) + both)
         return rows
-
-
-def _product(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
-    """Return the coefficients of the product of two polynomials."""
-    sums: list[list[Any]] = [[] for _ in range(len(a) + len(b) - 1)]
-    for i, x in enumerate(a):
-        for j, y in enumerate(b):
-            sums[i + j].append(x * y)
-    return [sum(terms[1:], start=terms[0]) for terms in sums]
 
 
 @cache
 def parts(method: Method, controller: Controller, split: bool) -> Parts:
     """Return the programs of a sampled loop."""
     law = programs.law(controller)
-    made = robustness.sampled_parts(law, method, split=split)
-    plant = (made.plant_den, made.plant_gap, made.plant_velocity)
-    own = (made.law_den, made.law_gap, made.law_velocity, made.law_gap_c_y, made.law_velocity_c_y)
+    plant, own = robustness.sampled_parts(law, method, split=split)
     return Parts(
         _lowered((p.T, *law.gains), own),
         _lowered((p.C_Y_true, p.T, stability.first_part), plant),
@@ -182,7 +161,7 @@ def _lowered(inputs: Sequence[Symbol], groups: Sequence[Sequence[sp.Expr]]) -> P
         for n, x in enumerate(group)
     }
     constants = {q for x in outputs.values() for q in sp.sympify(x).atoms(sp.Rational)}
-    if any(Fraction(float(q)) != fraction(q) for q in constants):
+    if any(Fraction(float(q)) != Fraction(q) for q in constants):
         raise ArithmeticError("a constant of the pencil is no double; it would be rounded")
     return lower(inputs, outputs)
 
@@ -202,13 +181,13 @@ class Affine:
         return [a + b * v for a, b in zip(self.alpha, self.beta, strict=True)]
 
 
-def enclose(loop: Setting, when: SampleTiming, gap: Fraction) -> Affine:
+def enclose(loop: Setting, when: ExactTiming, gap: Fraction) -> Affine:
     """Return the polynomial in w of v chi at one gap [m]."""
     series = expand(loop, when, number(loop.coefficient(gap)), 0)
     return Affine(tuple(x[0] for x in series.alpha), tuple(x[0] for x in series.beta))
 
 
-def expand(loop: Setting, when: SampleTiming, at: arb, order: int) -> Affine:
+def expand(loop: Setting, when: ExactTiming, at: arb, order: int) -> Affine:
     """Return the polynomial in w of v chi as series in C_Y' at an enclosed C_Y'."""
     true = variable(at, order)
     made = parts(loop.method, loop.controller, when.part > 0)
@@ -217,8 +196,7 @@ def expand(loop: Setting, when: SampleTiming, at: arb, order: int) -> Affine:
     plant = made.plant.evaluate(OPERATORS, true, period, part, constant=arb)
     rows = made.pencil(law, plant, 0 * true, when.whole)
     fixed, gain, gain_c_y = ([x + 0 * true for x in row] for row in rows)
-    level, steepness, seen = map(number, (*loop.shape, loop.C_Y_hat))
-    shape = level + steepness * true
+    shape, seen = loop.shape_at(true, number), number(loop.C_Y_hat)
     alpha = [shape * (a + seen * b) for a, b in zip(gain, gain_c_y, strict=True)]
     return Affine(_in_w(alpha), _in_w(fixed))
 

@@ -28,9 +28,10 @@ from maglev_design.certification.intervals.arithmetic import (
 )
 from maglev_design.certification.intervals.jets import coefficients, variable
 from maglev_design.certification.intervals.routh import hurwitz_determinant, is_hurwitz
-from maglev_design.certification.intervals.sampled import Affine, SampleTiming, Setting, enclose
+from maglev_design.certification.intervals.sampled import Affine, Setting, enclose
 from maglev_design.certification.intervals.spans import ZERO, End, Span, StableSet, unite
 from maglev_design.certification.rationals import decimal
+from maglev_design.controller.design import ExactTiming
 
 NARROW = Fraction(1, 10**13)
 """Relative width of the enclosure of an end."""
@@ -48,7 +49,7 @@ class UndecidedError(ArithmeticError):
     """The precision does not suffice; more bits may."""
 
 
-def sampled_ratios_at(loop: Setting, when: SampleTiming, gap: float) -> StableSet:
+def sampled_ratios_at(loop: Setting, when: ExactTiming, gap: float) -> StableSet:
     """Return every beta_c/beta for which the sampled loop is stable at one gap [m].
 
     Raises

@@ -18,17 +18,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maglev_design import linear_loop as loops
 from maglev_design.certification.intervals.arithmetic import between, working
 from maglev_design.certification.intervals.routh import is_hurwitz
 from maglev_design.certification.intervals.sampled import (
-    SampleTiming,
     Setting,
     enclose,
     parts,
-    timing,
 )
 from maglev_design.certification.intervals.sampled_path import nominal_quotients, proved_over
 from maglev_design.certification.rationals import decimal
+from maglev_design.controller.design import ExactTiming, exact_timing
 from maglev_design.rig import LONGEST_PERIOD, MOST_DELAYED_PERIODS
 
 GAPS = 7
@@ -54,7 +54,7 @@ class LimitStatus(Enum):
         "too long; the first is the longest that was proved"
     )
     BEYOND = "no end up to the longest that was looked at; the first is the longest proved"
-    UNSTABLE = "unstable however short it is"
+    UNSTABLE = "unstable, by eigenvalues, at all that was looked at, from the second upwards"
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,8 @@ class TimeLimit:
     stable : float
         [s] Proved stable at every gap of the range; 0 where nothing was.
     unstable : float or None
-        [s] Proved unstable at `gap`; None where no such value was found.
+        [s] Proved unstable at `gap`; None where no such value was found. Of UNSTABLE the shortest
+        that was looked at, by eigenvalues.
     gap : float or None
         [m]
     """
@@ -93,10 +94,10 @@ class TimeLimit:
         }
 
 
-def radii(loop: Setting, when: SampleTiming, gaps: NDArray[np.float64]) -> NDArray[np.float64]:
+def radii(loop: Setting, when: ExactTiming, gaps: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the spectral radius at exact beta and each gap [m], by eigenvalues; shape (n,)."""
     made = parts(loop.method, loop.controller, when.part > 0)
-    true = float(loop.weight) / (gaps + float(loop.offset))
+    true = loop.coefficient(gaps, float)
     period, part = float(when.period), float(when.part)
     law, plant = (
         [np.broadcast_to(x, gaps.shape) for x in values]
@@ -107,27 +108,27 @@ def radii(loop: Setting, when: SampleTiming, gaps: NDArray[np.float64]) -> NDArr
     )
     fixed, gain, gain_c_y = map(np.array, made.pencil(law, plant, np.zeros_like(gaps), when.whole))
     v = float(sum(nominal_quotients(loop)) / 2)
-    rho = (float(loop.shape[0]) + float(loop.shape[1]) * true) / v
+    rho = loop.shape_at(true, float) / v
     rows = fixed + rho * (gain + float(loop.C_Y_hat) * gain_c_y)
-    size = len(rows) - 1
-    companions = np.zeros((len(gaps), size, size))
-    companions[:, 0, :] = -(rows[1:] / rows[0]).T
-    companions[:, np.arange(1, size), np.arange(size - 1)] = 1.0
-    return np.asarray(np.abs(np.linalg.eigvals(companions)).max(axis=1))
+    return np.asarray(np.abs(loops.polynomial_roots(rows.T)).max(axis=1))
 
 
 def largest_period(
     loop: Setting, period: float, delay: float, gaps: tuple[float, float]
 ) -> TimeLimit:
-    """Return the largest sampling period, the gains and the delay [s] as they are."""
+    """Return the largest sampling period, the gains and the delay [s] as they are.
+
+    Shorter periods than the delay over MOST_DELAYED_PERIODS are not looked at: no rig may have one.
+    """
     late = decimal(delay)
 
-    def at(value: float) -> SampleTiming:
-        return timing(Fraction(value), late)
+    def at(value: float) -> ExactTiming:
+        return exact_timing(Fraction(value), late)
 
     up = np.arange(0, np.log(max(LONGEST_PERIOD / period, STEP)), np.log(STEP))
-    down = np.arange(0, np.log(SHORTEST), -np.log(STEP))
-    return _limit(loop, at, period * np.exp(up), period * np.exp(down), gaps)
+    shortest = max(SHORTEST * period, delay / MOST_DELAYED_PERIODS)
+    down = np.arange(0, np.log(shortest / period), -np.log(STEP))
+    return _limit(loop, at, period * np.exp(up), np.append(period * np.exp(down), shortest), gaps)
 
 
 def largest_delay(
@@ -136,8 +137,8 @@ def largest_delay(
     """Return the largest delay from sample to voltage, the period [s] as it is."""
     exact = decimal(period)
 
-    def at(value: float) -> SampleTiming:
-        return timing(exact, Fraction(value))
+    def at(value: float) -> ExactTiming:
+        return exact_timing(exact, Fraction(value))
 
     step = period / FRACTIONS
     up = np.append(
@@ -149,27 +150,35 @@ def largest_delay(
 
 def _limit(
     loop: Setting,
-    at: Callable[[float], SampleTiming],
+    at: Callable[[float], ExactTiming],
     up: NDArray[np.float64],
     down: NDArray[np.float64],
     gaps: tuple[float, float],
 ) -> TimeLimit:
-    """Return the first crossing on a grid of times, rising, or falling where it starts unstable."""
+    """Return the first crossing on a grid of times, rising, or falling where it starts unstable.
+
+    No time below the last of the falling grid is looked at.
+    """
     places = np.linspace(*gaps, GAPS) if gaps[0] < gaps[1] else np.array(gaps[:1])
 
     def stable(value: float) -> bool:
         return bool(radii(loop, at(float(value)), places).max() < 1)
 
+    def worst_gap(value: float) -> float:
+        return float(places[int(np.argmax(radii(loop, at(value), places)))])
+
     def kept(shares: Sequence[Fraction], value: float) -> float:
         exact, quotients = (decimal(gaps[0]), decimal(gaps[1])), nominal_quotients(loop)
         tried = (value * float(share) for share in shares)
-        return next((x for x in tried if proved_over(loop, at(x), exact, quotients)), 0.0)
+        known = (x for x in tried if x >= down[-1] and proved_over(loop, at(x), exact, quotients))
+        return next(known, 0.0)
 
     def longest(value: float) -> float:
         return max(kept(FALLBACKS, value), kept((Fraction(1),), float(up[0])))
 
     if not stable(up[0]) and not any(stable(value) for value in down):
-        return TimeLimit(LimitStatus.UNSTABLE, 0.0)
+        shortest = float(down[-1])
+        return TimeLimit(LimitStatus.UNSTABLE, 0.0, shortest, worst_gap(shortest))
     pair = _first_change(stable, up, down)
     if pair is None:
         return TimeLimit(LimitStatus.BEYOND, longest(float(up[-1])))
@@ -177,7 +186,7 @@ def _limit(
     for _ in range(45):
         middle = (low + high) / 2
         low, high = (middle, high) if stable(middle) else (low, middle)
-    worst = float(places[int(np.argmax(radii(loop, at(high), places)))])
+    worst = worst_gap(high)
     lost = _proved_unstable(loop, at, high, worst)
     near = kept([1 - slack for slack in SLACKS], low)
     if near and lost is not None:
@@ -198,7 +207,7 @@ def _first_change(
 
 @working()
 def _proved_unstable(
-    loop: Setting, at: Callable[[float], SampleTiming], value: float, gap: float
+    loop: Setting, at: Callable[[float], ExactTiming], value: float, gap: float
 ) -> float | None:
     v = between(*nominal_quotients(loop))
     for slack in SLACKS:

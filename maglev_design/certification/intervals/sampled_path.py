@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from fractions import Fraction
-from math import isqrt
 
 import numpy as np
 from flint import arb_series
@@ -20,14 +19,14 @@ from maglev_design.certification.intervals.positivity import middle_and_radius, 
 from maglev_design.certification.intervals.routh import hurwitz_determinant, is_hurwitz
 from maglev_design.certification.intervals.sampled import (
     Affine,
-    SampleTiming,
     Setting,
     enclose,
     expand,
 )
 from maglev_design.certification.intervals.sampled_interval import sampled_ratios_at
 from maglev_design.certification.intervals.spans import End, Span, StableSet
-from maglev_design.certification.rationals import decimal
+from maglev_design.certification.rationals import decimal, root
+from maglev_design.controller.design import ExactTiming
 
 Range = tuple[Fraction, Fraction]
 Pair = tuple[float, float]
@@ -48,7 +47,7 @@ TRIED_GAPS = 5
 
 
 @working(PIECE_PRECISION)
-def proved_over(loop: Setting, when: SampleTiming, gaps: Range, quotients: Range) -> bool:
+def proved_over(loop: Setting, when: ExactTiming, gaps: Range, quotients: Range) -> bool:
     """Whether the loop is proved stable at every gap and every v of two closed ranges.
 
     Parameters
@@ -80,7 +79,7 @@ def proved_over(loop: Setting, when: SampleTiming, gaps: Range, quotients: Range
     return True
 
 
-def proved_piece(loop: Setting, when: SampleTiming, true: Range, quotients: Range) -> bool | None:
+def proved_piece(loop: Setting, when: ExactTiming, true: Range, quotients: Range) -> bool | None:
     """Return whether a rectangle in C_Y' and v is stable; None where that is open."""
     low, high = true
     half, order = (high - low) / 2, order_for(float((high - low) / 2 / high))
@@ -135,19 +134,10 @@ def nominal_quotients(loop: Setting) -> Range:
 def _quotients(loop: Setting, ratios: Range, hair: Fraction) -> Range:
     """Return the v of two ratios, the lower rounded down and the upper up, by less than `hair`."""
     low, high = (ratio / loop.scale for ratio in ratios)
-    return (low, high) if loop.power == 1 else (_root(low, hair)[0], _root(high, hair)[1])
+    return (low, high) if loop.power == 1 else (root(low, hair)[0], root(high, hair)[1])
 
 
-def _root(number: Fraction, hair: Fraction) -> Range:
-    """Return a lower and an upper bound of a square root, equal where it is rational."""
-    top, bottom = isqrt(number.numerator), isqrt(number.denominator)
-    if Fraction(top, bottom) ** 2 == number:
-        return Fraction(top, bottom), Fraction(top, bottom)
-    fine = isqrt(int(number / hair**2))
-    return fine * hair, (fine + 1) * hair
-
-
-def sampled_ratios_over(loop: Setting, when: SampleTiming, gaps: tuple[float, float]) -> StableSet:
+def sampled_ratios_over(loop: Setting, when: ExactTiming, gaps: tuple[float, float]) -> StableSet:
     """Return the beta_c/beta around 1 for which the loop is stable at every gap [m] of a range.
 
     Each end lies between a ratio up to which stability is proved for all gaps, its `value`, and

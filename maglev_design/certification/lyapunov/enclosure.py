@@ -60,6 +60,7 @@ from maglev_design.certification.lyapunov.family import (
     Vector,
     check_family,
 )
+from maglev_design.certification.rationals import root
 from maglev_design.lowering import Program, lower
 from maglev_design.options import TAN_GPI, Method
 from maglev_design.programs import derived, law
@@ -67,7 +68,8 @@ from maglev_design.symbolic import closed_loop as cl
 from maglev_design.symbolic import plant as p
 
 GRID = 2**64
-"""Vertices and irrational end points are multiples of 1/GRID."""
+UNIT = Fraction(1, GRID)
+"""Vertices and irrational end points are multiples of it."""
 CUT = Fraction(1, 2**50)
 """Largest share of itself by which a cut series may be too small."""
 HIGHEST_DEGREE = 20
@@ -153,26 +155,8 @@ def _point(of: ExactSubject, gap: Fraction | None = None, ratio: Fraction = Frac
 
 def _gain_ends(of: ExactSubject, ratios: tuple[Fraction, Fraction]) -> tuple[Fraction, Fraction]:
     """Return m at both ends, outwards; m falls with the ratio."""
-    weak, strong = (root(_point(of, ratio=ratio).gain_squared) for ratio in ratios)
+    weak, strong = (root(_point(of, ratio=ratio).gain_squared, UNIT) for ratio in ratios)
     return weak[1], strong[0]
-
-
-def root(square: Fraction) -> tuple[Fraction, Fraction]:
-    """Return bounds of a square root: equal where it is rational, else neighbours in 1/GRID.
-
-    Examples
-    --------
-    >>> root(Fraction(9, 4))
-    (Fraction(3, 2), Fraction(3, 2))
-    >>> low, high = root(Fraction(2))
-    >>> low**2 < 2 < high**2, high - low == Fraction(1, GRID)
-    (True, True)
-    """
-    exact = Fraction(math.isqrt(square.numerator), math.isqrt(square.denominator))
-    if exact**2 == square:
-        return exact, exact
-    below = math.isqrt(math.floor(square * GRID**2))
-    return Fraction(below, GRID), Fraction(below + 1, GRID)
 
 
 # --- continuous loop -----------------------------------------------------------------------------
@@ -215,7 +199,7 @@ def _sampled(
     of: ExactSubject, span: Sequence[Fraction], gains: Sequence[Fraction], scale: Sequence[Fraction]
 ) -> tuple[list[Matrix], Fraction]:
     """Return A at every control point and end of m, and the norm of what they miss."""
-    program = _sampled_program(of.method, of.whole, of.part > 0)
+    program = _sampled_program(of.method, of.when.whole, of.when.part > 0)
     functions = hold_series(of, span[-1])
     degree = max(len(f.coefficients) for f in functions) - 1
 
@@ -239,7 +223,7 @@ def _sampled(
 
 def hold_series(of: ExactSubject, q_max: Fraction) -> list[Series]:
     """Return the series of :data:`maglev_design.symbolic.closed_loop.HOLD`, in its order."""
-    period, held, rest = of.period, of.period - of.part, _point(of).C_Y
+    period, held, rest = of.period, of.period - of.when.part, _point(of).C_Y
     degree = _degree(rest * period**2 * q_max)
 
     def entire(n: int, time: Fraction, factor: Fraction, power: int) -> Series:

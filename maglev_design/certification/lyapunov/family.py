@@ -15,8 +15,8 @@ from fractions import Fraction
 from typing import Any, Literal
 
 from maglev_design.certification.numbers import check_same_rig
-from maglev_design.certification.rationals import decimal
-from maglev_design.controller.design import Design
+from maglev_design.certification.rationals import decimal, short
+from maglev_design.controller.design import Design, ExactTiming, exact_timing
 from maglev_design.controller.family import family_of, rectangle
 from maglev_design.errors import InputError
 from maglev_design.files import digest, finite
@@ -106,14 +106,9 @@ class ExactSubject:
         return tuple(Fraction(self.numbers["coefficients"][x.name]) for x in named)
 
     @property
-    def whole(self) -> int:
-        """Whole periods of delay, n."""
-        return int(self.delay // self.period)
-
-    @property
-    def part(self) -> Fraction:
-        """What is left of the delay, T_1 in [0, T) [s]."""
-        return self.delay - self.whole * self.period
+    def when(self) -> ExactTiming:
+        """Period and delay."""
+        return exact_timing(self.period, self.delay)
 
 
 @dataclass(frozen=True)
@@ -199,15 +194,10 @@ def claim(
     ends = over.gaps if gap_range is None else gap_range
     if not all(math.isfinite(end) for end in ends):
         raise InputError(f"gap range = [{ends[0]:g}, {ends[-1]:g}] m: both ends must be finite")
-    ratios = _pair(over.ratios) if beta_error is None else (1 - beta_error, 1 + beta_error)
-    gaps = decimal(min(ends)), decimal(max(ends))
-    return CertificateClaim(loop, gaps, ratios, _pair(over.shifts), over.held is not None)
-
-
-def _pair(ends: tuple[float, float]) -> Pair:
-    """Return the short decimals that sums and squares of decimals in doubles stand for."""
-    low, high = (Fraction(f"{end:.12g}") for end in ends)
-    return low, high
+    weak, strong = map(short, over.ratios)
+    ratios = (weak, strong) if beta_error is None else (1 - beta_error, 1 + beta_error)
+    gaps, (first, last) = (decimal(min(ends)), decimal(max(ends))), map(short, over.shifts)
+    return CertificateClaim(loop, gaps, ratios, (first, last), over.held is not None)
 
 
 def state_names(of: ExactSubject, loop: LoopName) -> tuple[str, ...]:
@@ -221,7 +211,7 @@ def state_names(of: ExactSubject, loop: LoopName) -> tuple[str, ...]:
     own = ("e", "v", *(state.name for state in law().states))
     if loop == "continuous":
         return own
-    held = of.whole + (of.part > 0)
+    held = of.when.whole + (of.when.part > 0)
     if len(own) + held > MOST_STATES:
         raise NotEnclosedError(
             f"delay = {float(of.delay):g} s: certificates are made for at most "

@@ -30,7 +30,7 @@ from sympy import Matrix, Rational, Symbol
 
 from maglev_design import programs
 from maglev_design.certification.intervals.arithmetic import exact
-from maglev_design.controller import design as designs
+from maglev_design.certification.numbers import as_run
 from maglev_design.controller.design import Design
 from maglev_design.errors import InputError
 from maglev_design.lowering import Program, lower
@@ -159,7 +159,7 @@ def deviation(
     """
     gap = rig.reference.start_gap if gap is None else gap
     law = programs.law(design.controller)
-    numbers = _numbers(rig, design)
+    numbers = as_run(rig, design, Fraction)
     here = {p.y_ref: Rational(gap), p.acc_ref: 0, p.y: Rational(gap) + p.e}
 
     def evaluated(expression: sp.Expr) -> sp.Expr:
@@ -189,21 +189,12 @@ def deviation(
         gravity=exact(rig.plant.gravity),
         rest=rest,
         actuator=(exact(rig.limits.voltage[0]), _finite(rig.limits.voltage[1])),
-        feedforward=_exact(feedforward),
-        slope=_exact(slopes[p.e]),
+        feedforward=exact(feedforward),
+        slope=exact(slopes[p.e]),
         limits=(),
     )
-    share_of_w = [_exact(sp.diff(sp.expand(slopes[integrator] * own), x)) for x in z]
+    share_of_w = [exact(sp.diff(sp.expand(slopes[integrator] * own), x)) for x in z]
     return replace(found, limits=tuple(_limits(found, rig, share_of_w)))
-
-
-def _numbers(rig: Rig, design: Design) -> dict[Symbol, Rational]:
-    """Return what the law is made of, the numbers that run taken as exact."""
-    known = designs.coefficient_inputs(rig, design.believed) | design.named_gains
-    known |= {"U": design.believed.U, "Y": design.Y}
-    law = programs.law(design.controller)
-    symbols = (p.C_U_hat, p.C_Y_hat, p.beta_c, p.g, p.y0, p.Y, p.U, *law.gains)
-    return {x: Rational(known[x.name]) for x in symbols}
 
 
 def _running(rate: sp.Expr) -> sp.Expr:
@@ -234,7 +225,7 @@ def _linear_part(
     others = [moving[x] for x in z[3:]]
     rows = [p.v, by_q, sp.Integer(0), *others]
     slope = Matrix([row.subs(known) for row in rows]).jacobian(z)
-    return fmpq_mat(len(z), len(z), [_exact(entry) for entry in slope])
+    return fmpq_mat(len(z), len(z), [exact(entry) for entry in slope])
 
 
 def _voltages_at_rest(
@@ -247,8 +238,8 @@ def _voltages_at_rest(
     beta = Rational(beta_c)
 
     def square(ratio: Fraction) -> fmpq:
-        moved = beta / Rational(ratio.numerator, ratio.denominator)
-        return _exact((plant.equilibrium_voltage**2).subs({p.beta: moved}).subs(nominal))
+        moved = beta / Rational(ratio)
+        return exact((plant.equilibrium_voltage**2).subs({p.beta: moved}).subs(nominal))
 
     unit = fmpq(1, PRECISION)  # wider than what rounding does to beta in a simulation
     return root_below(square(min(ratios))) - unit, root_above(square(max(ratios))) + unit
@@ -278,10 +269,6 @@ def _limits(model: Deviation, rig: Rig, integral: list[fmpq]) -> Iterator[StateL
 
 def _finite(bound: float) -> fmpq | None:
     return exact(bound) if math.isfinite(bound) else None
-
-
-def _exact(value: sp.Expr) -> fmpq:
-    return fmpq(int(value.p), int(value.q))
 
 
 def root_below(square: fmpq) -> fmpq:
