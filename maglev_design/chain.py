@@ -73,7 +73,7 @@ def design(
 
     Examples
     --------
-    >>> from maglev_design.controller import design, load_rig
+    >>> from maglev_design import design, load_rig
     >>> design(load_rig("belmonte2021"), zeta=1, omega_n=70).named_gains["k3"]
     280.0
     """
@@ -226,7 +226,7 @@ def simulate(
 
     Examples
     --------
-    >>> from maglev_design.controller import design, load_rig, simulate
+    >>> from maglev_design import design, load_rig, simulate
     >>> rig = load_rig("belmonte2021")
     >>> f"{simulate(rig, design(rig, 1, 70), continuous=True).metrics.itae:.3e} m s^2"
     '8.191e-07 m s^2'

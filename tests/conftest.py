@@ -13,6 +13,7 @@ from hypothesis import HealthCheck, settings
 from rigs import OFFSET, SHORT, rig_with
 
 from maglev_design.controller.design import PoleSpec
+from maglev_design.derivation import Equation, derivation
 from maglev_design.paper import claims
 from maglev_design.paper.ledger import Claim, chosen
 from maglev_design.paper.survey import Row, survey
@@ -77,6 +78,12 @@ def tuned_record() -> DesignRecord:
 def short_survey(short_rig: Rig) -> tuple[Row, ...]:
     """Every reading of the paper on the 0.4 s path."""
     return once.once("short_survey", lambda: survey(short_rig))
+
+
+@pytest.fixture(scope="session")
+def derived() -> tuple[Equation, ...]:
+    """The derivation, proved as it is built."""
+    return once.once("derived", derivation)
 
 
 @pytest.fixture(scope="session")

@@ -15,16 +15,12 @@ TOGETHER = {
     "test_cli_claims": "the paper's claims",
     "test_paper_equations": "the paper's claims",
     "test_paper_theory": "the paper's claims",
-    "test_derivation": "the paper's claims",
-    "test_derivation_text": "the paper's claims",
 }
 """File -> what it shares with others: the derivation and what is proved on the way."""
 LONGEST_FIRST = (
     "test_cli_claims",
     "test_paper_equations",
     "test_paper_theory",
-    "test_derivation",
-    "test_derivation_text",
     "test_tune",
     "test_cli_paper",
     "test_cli_certify",

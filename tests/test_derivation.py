@@ -10,7 +10,7 @@ import pytest
 import sympy as sp
 from scipy.linalg import expm
 
-from maglev_design.derivation import NOTATION, Equation, derivation
+from maglev_design.derivation import NOTATION, Equation
 from maglev_design.derivation.plant import base_units
 from maglev_design.derivation.terms import poly, proved, simplest
 from maglev_design.symbolic import plant as p
@@ -29,8 +29,8 @@ DIFFERENT_GAIN_UNITS = {"20-n", "25-n"}
 
 
 @pytest.fixture(scope="module")
-def steps() -> tuple[Equation, ...]:
-    return derivation()
+def steps(derived: tuple[Equation, ...]) -> tuple[Equation, ...]:
+    return derived
 
 
 @pytest.fixture(scope="module")

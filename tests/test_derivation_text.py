@@ -22,8 +22,8 @@ HOSTILE = r"50% & more: \input{x} $y_1$ #1 ~ ^ | <b> `c` *d*"
 
 
 @pytest.fixture(scope="module")
-def equations() -> tuple[Equation, ...]:
-    return derivation()
+def equations(derived: tuple[Equation, ...]) -> tuple[Equation, ...]:
+    return derived
 
 
 def test_rendering_is_deterministic(equations: tuple[Equation, ...]) -> None:

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from maglev_design.derivation import NOTATION, derivation
+from maglev_design.derivation import NOTATION, Equation
 from maglev_design.reporting.content import Maths
 from maglev_design.reporting.prose import formula, latex, markdown, plain, runs
 from maglev_design.rig import fields
@@ -37,15 +37,17 @@ def test_a_letter_in_a_sentence_is_the_letter_of_the_formulas(entry: object) -> 
     assert formula(str(entry.symbol)) == entry.latex  # type: ignore[attr-defined]
 
 
-def sentences() -> list[str]:
-    reasons = [equation.reason for equation in derivation()]
+def sentences(derived: tuple[Equation, ...]) -> list[str]:
+    reasons = [equation.reason for equation in derived]
     meanings = [entry.meaning for entry in NOTATION]
     return [*reasons, *meanings, *(meaning for _, _, meaning in fields())]
 
 
-def test_every_formula_of_a_sentence_is_closed_and_none_is_left_as_words() -> None:
+def test_every_formula_of_a_sentence_is_closed_and_none_is_left_as_words(
+    derived: tuple[Equation, ...],
+) -> None:
     unmarked = re.compile(r"[A-Za-z]_[A-Za-z]|\b(beta|rho|tau|phi|k\d|a\d)\b|\(s\)")
-    for sentence in sentences():
+    for sentence in sentences(derived):
         assert sentence.count("`") % 2 == 0, sentence
         words = " ".join(str(run) for run in runs(sentence) if not isinstance(run, Maths))
         assert not unmarked.search(words), sentence

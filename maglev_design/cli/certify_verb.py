@@ -1,29 +1,20 @@
 """``certify``."""
 
 from __future__ import annotations
+
+import sys
 from dataclasses import dataclass
 from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
 from maglev_design.certification.rationals import short
 from maglev_design.cli.arguments import flag
 from maglev_design.cli.certify_tables import print_assessment
-from maglev_design.cli.output import print_json
-from maglev_design.cli.output import progress_bar
-from maglev_design.cli.output import say
-from maglev_design.cli.output import table
-from maglev_design.cli.output import warn
-from maglev_design.errors import InputError
-from maglev_design.errors import VerificationError
-from maglev_design.files import json_bytes
-from maglev_design.files import output_folder
-from maglev_design.files import write_bytes
-from maglev_design.options import Controller
-from maglev_design.options import SCHEMA_VERSION
-from maglev_design.options import TAN_GPI
-from pathlib import Path
-from typing import Any
-from typing import TYPE_CHECKING
-import sys
-
+from maglev_design.cli.output import print_json, progress_bar, say, table, warn
+from maglev_design.errors import InputError, VerificationError
+from maglev_design.files import json_bytes, output_folder, write_bytes
+from maglev_design.options import SCHEMA_VERSION, TAN_GPI, Controller
 
 if TYPE_CHECKING:
     from maglev_design.cli.commands.certify import CertifyOptions

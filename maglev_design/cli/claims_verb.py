@@ -1,32 +1,20 @@
 """``claims``."""
 
 from __future__ import annotations
+
+import sys
 from collections.abc import Sequence
-from maglev_design.cli.output import print_json
-from maglev_design.cli.output import progress_bar
-from maglev_design.cli.output import say
-from maglev_design.cli.output import table
-from maglev_design.cli.output import typed
+from typing import TYPE_CHECKING, Any
+
+from maglev_design.cli.output import print_json, progress_bar, say, table, typed
 from maglev_design.controller.design import check_path_voltage
 from maglev_design.errors import InputError
-from maglev_design.files import finite
-from maglev_design.files import json_bytes
-from maglev_design.files import output_folder
-from maglev_design.files import write_bytes
+from maglev_design.files import finite, json_bytes, output_folder, write_bytes
 from maglev_design.options import SCHEMA_VERSION
-from maglev_design.paper.ledger import Claim
-from maglev_design.paper.ledger import chosen
+from maglev_design.paper.ledger import Claim, chosen
 from maglev_design.record import rig_as_data
-from maglev_design.reporting.claims_text import details
-from maglev_design.reporting.claims_text import markdown
-from maglev_design.reporting.claims_text import summary_rows
-from maglev_design.reporting.claims_text import tally
-from maglev_design.rig import Rig
-from maglev_design.rig import load_rig
-from typing import Any
-from typing import TYPE_CHECKING
-import sys
-
+from maglev_design.reporting.claims_text import details, markdown, summary_rows, tally
+from maglev_design.rig import Rig, load_rig
 
 if TYPE_CHECKING:
     from maglev_design.cli.commands.claims import ClaimsOptions

@@ -1,50 +1,32 @@
 """``compare``."""
 
 from __future__ import annotations
-from dataclasses import replace
-from maglev_design.cli.output import print_json
-from maglev_design.cli.output import progress_bar
-from maglev_design.cli.output import say
-from maglev_design.cli.output import table
-from maglev_design.cli.output import typed
-from maglev_design.cli.output import warn
-from maglev_design.controller.design import PoleSpec
-from maglev_design.controller.design import check_path_voltage
-from maglev_design.errors import InputError
-from maglev_design.files import finite
-from maglev_design.files import json_bytes
-from maglev_design.files import output_folder
-from maglev_design.files import write_bytes
-from maglev_design.options import Equilibrium
-from maglev_design.options import METHODS
-from maglev_design.options import SCHEMA_VERSION
-from maglev_design.paper.comparison import Comparison
-from maglev_design.paper.comparison import Progress
-from maglev_design.paper.comparison import compare
-from maglev_design.paper.survey import orderings
-from maglev_design.paper.survey import survey
-from maglev_design.paper.trials import Reading
-from maglev_design.paper.trials import contenders
-from maglev_design.record import load
-from maglev_design.record import rig_as_data
-from maglev_design.reporting.comparison_text import guesses
-from maglev_design.reporting.comparison_text import headline
-from maglev_design.reporting.comparison_text import margin_table
-from maglev_design.reporting.comparison_text import markdown
-from maglev_design.reporting.comparison_text import ordering_table
-from maglev_design.reporting.comparison_text import result_tables
-from maglev_design.rig import Emulator
-from maglev_design.rig import Rig
-from maglev_design.rig import load_rig
-from maglev_design.tuning import TuneResult
-from maglev_design.tuning import build_problem
-from maglev_design.tuning import solve
-from pathlib import Path
-from typing import Any
-from typing import TYPE_CHECKING
+
 import math
 import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from maglev_design.cli.output import print_json, progress_bar, say, table, typed, warn
+from maglev_design.controller.design import PoleSpec, check_path_voltage
+from maglev_design.errors import InputError
+from maglev_design.files import finite, json_bytes, output_folder, write_bytes
+from maglev_design.options import METHODS, SCHEMA_VERSION, Equilibrium
+from maglev_design.paper.comparison import Comparison, Progress, compare
+from maglev_design.paper.survey import orderings, survey
+from maglev_design.paper.trials import Reading, contenders
+from maglev_design.record import load, rig_as_data
+from maglev_design.reporting.comparison_text import (
+    guesses,
+    headline,
+    margin_table,
+    markdown,
+    ordering_table,
+    result_tables,
+)
+from maglev_design.rig import Emulator, Rig, load_rig
+from maglev_design.tuning import TuneResult, build_problem, solve
 
 if TYPE_CHECKING:
     from maglev_design.cli.commands.compare import CompareOptions

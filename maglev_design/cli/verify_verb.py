@@ -1,18 +1,13 @@
 """``verify``."""
 
 from __future__ import annotations
-from maglev_design.cli.output import number
-from maglev_design.cli.output import print_json
-from maglev_design.cli.output import progress_bar
-from maglev_design.cli.output import say
-from maglev_design.cli.output import table
-from maglev_design.cli.output import warn
-from maglev_design.errors import VerificationError
-from maglev_design.exporting import Check
-from maglev_design.exporting import verify_folder
-from typing import TYPE_CHECKING
-import sys
 
+import sys
+from typing import TYPE_CHECKING
+
+from maglev_design.cli.output import number, print_json, progress_bar, say, table, warn
+from maglev_design.errors import VerificationError
+from maglev_design.exporting import Check, verify_folder
 
 if TYPE_CHECKING:
     from maglev_design.cli.commands.verify import VerifyOptions
