@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from maglev_design import programs
-from maglev_design.controller import design as designs
 from maglev_design.controller.design import Believed, Design
 from maglev_design.controller.family import Family
+from maglev_design.controller.timing import timing
 from maglev_design.options import TAN_GPI, Controller, Method
 from maglev_design.rig import Rig
 
@@ -129,7 +129,7 @@ def build_loop(
     extra_samples : int
         More whole periods of delay.
     """
-    when = designs.timing(rig.sampling.period, rig.sampling.delay)
+    when = timing(rig.sampling.period, rig.sampling.delay)
     whole = when.whole + extra_samples
     period, plant = rig.sampling.period, rig.plant
     poles, gap, ratio = ca.SX.sym("poles", 4), ca.SX.sym("gap"), ca.SX.sym("ratio")

@@ -25,9 +25,9 @@ from maglev_design.controller.design import (
     PoleSpec,
     make_design,
     plant_beta,
-    timing,
     true_equilibrium,
 )
+from maglev_design.controller.timing import timing
 from maglev_design.errors import InputError
 from maglev_design.options import Method
 from maglev_design.rig import Rig, load_rig

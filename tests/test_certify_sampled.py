@@ -28,14 +28,9 @@ from maglev_design.certification.intervals.sampled_path import (
     sampled_ratios_over,
 )
 from maglev_design.certification.rationals import decimal
-from maglev_design.controller.design import (
-    Design,
-    PoleSpec,
-    believed_equilibrium,
-    exact_timing,
-    make_design,
-)
+from maglev_design.controller.design import Design, PoleSpec, believed_equilibrium, make_design
 from maglev_design.controller.family import Family, family_of
+from maglev_design.controller.timing import exact_timing
 from maglev_design.options import CONTROLLERS, EQUILIBRIA, METHODS, Controller, Equilibrium, Method
 from maglev_design.rig import MOST_DELAYED_PERIODS, Rig, load_rig
 

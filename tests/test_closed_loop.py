@@ -14,9 +14,9 @@ from maglev_design.controller.design import (
     believed_equilibrium,
     make_design,
     plant_beta,
-    timing,
     true_equilibrium,
 )
+from maglev_design.controller.timing import timing
 from maglev_design.linear_loop import loop_of
 from maglev_design.lowering import lower
 from maglev_design.options import EQUILIBRIA, METHODS, TAN_GPI, Equilibrium, Method

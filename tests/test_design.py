@@ -17,6 +17,7 @@ from scipy.signal import cont2discrete
 
 from maglev_design.controller import design as designs
 from maglev_design.controller.design import PoleSpec
+from maglev_design.controller.timing import Timing, timing
 from maglev_design.errors import InputError
 from maglev_design.options import EQUILIBRIA, METHODS, Equilibrium, Method
 from maglev_design.programs import gains_program, slope_program
@@ -73,12 +74,12 @@ def test_a_double_pair_is_two_equal_pairs() -> None:
 def test_a_delay_is_whole_periods_and_a_part(
     period: float, delay: float, whole: int, part: float, held: int
 ) -> None:
-    assert designs.timing(period, delay) == designs.Timing(whole, part, held)
+    assert timing(period, delay) == Timing(whole, part, held)
 
 
 @given(st.integers(1, 10**6), st.integers(0, 10**6))
 def test_decimals_are_divided_as_decimals(period: int, delay: int) -> None:
-    when = designs.timing(period / 10**6, delay / 10**6)
+    when = timing(period / 10**6, delay / 10**6)
     assert when.whole == delay // period
     assert when.part == float(Fraction(delay % period, 10**6))
     assert when.held == -(-delay // period)

@@ -17,8 +17,8 @@ from maglev_design.controller.design import (
     make_design,
     plant_beta,
     reference_path,
-    timing,
 )
+from maglev_design.controller.timing import timing
 from maglev_design.errors import InputError
 from maglev_design.programs import law, step_program
 from maglev_design.rig import Rig, load_rig

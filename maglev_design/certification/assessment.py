@@ -24,8 +24,9 @@ from maglev_design.certification.intervals.spans import StableSet
 from maglev_design.certification.margins import Margins, PointMargins
 from maglev_design.certification.numbers import check_same_rig
 from maglev_design.certification.rationals import decimal
-from maglev_design.controller.design import Design, exact_timing
+from maglev_design.controller.design import Design
 from maglev_design.controller.family import Family, family_of
+from maglev_design.controller.timing import exact_timing
 from maglev_design.errors import InputError
 from maglev_design.files import finite, picked
 from maglev_design.linear_loop import Extreme

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -157,51 +156,6 @@ class Design:
         """Return the plant's beta [m^3/(s^2 V^2)] at a ratio beta_c/beta."""
         check_numbers(positive=True, ratio=ratio)
         return self.believed.beta / ratio
-
-
-@dataclass(frozen=True)
-class Timing:
-    """When the voltage of which sample acts.
-
-    Attributes
-    ----------
-    whole : int
-        Whole periods of delay n.
-    part : float
-        What is left of the delay, T_1 in [0, T) [s].
-    held : int
-        How many earlier voltages the loop has to remember.
-    """
-
-    whole: int
-    part: float
-    held: int
-
-
-@dataclass(frozen=True)
-class ExactTiming:
-    """Period T and delay n T + T_1 [s], exact."""
-
-    period: Fraction
-    whole: int
-    part: Fraction
-
-
-def exact_timing(period: Fraction, delay: Fraction) -> ExactTiming:
-    """Return the delay in whole periods and what is left."""
-    return ExactTiming(period, *divmod(delay, period))
-
-
-def timing(period: float, delay: float) -> Timing:
-    """Return delay = n T + T_1, with the decimals of both taken as exact.
-
-    Examples
-    --------
-    >>> timing(0.001, 0.003)
-    Timing(whole=3, part=0.0, held=3)
-    """
-    exact = exact_timing(*[Fraction(repr(float(time))) for time in (period, delay)])
-    return Timing(exact.whole, float(exact.part), exact.whole + (exact.part > 0))
 
 
 def gain_names(controller: Controller) -> tuple[str, ...]:

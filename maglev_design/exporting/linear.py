@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from maglev_design.controller.design import timing
+from maglev_design.controller.timing import timing
 
 Array = NDArray[np.float64]
 

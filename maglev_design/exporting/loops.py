@@ -11,6 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from maglev_design.controller import design as designs
+from maglev_design.controller.timing import timing
 from maglev_design.exporting.controller import ExportedController
 from maglev_design.simulation import Scenario, resimulate
 from maglev_design.simulation.grid import contact_gap
@@ -127,7 +128,7 @@ def fly(
     """
     around = around or Surroundings()
     rig, design = controller.record.rig, controller.record.design
-    period, when = rig.sampling.period, designs.timing(rig.sampling.period, rig.sampling.delay)
+    period, when = rig.sampling.period, timing(rig.sampling.period, rig.sampling.delay)
     program, plant = controller.plant.scalar(), rig.plant
     beta = design.beta_at(ratio) if beta is None else beta
     low, high = contact_gap(rig), rig.limits.gap[1]

@@ -9,7 +9,8 @@ from __future__ import annotations
 from typing import Any
 
 from maglev_design.controller import design as designs
-from maglev_design.controller.design import PATH_ENDS, timing
+from maglev_design.controller.design import PATH_ENDS
+from maglev_design.controller.timing import timing
 from maglev_design.files import picked
 from maglev_design.lowering import Program
 from maglev_design.programs import (

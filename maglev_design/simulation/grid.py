@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design.controller import design as designs
+from maglev_design.controller.timing import Timing, timing
 from maglev_design.errors import InputError, check_numbers, check_word
 from maglev_design.options import METHODS, TAN_GPI, Controller, Method
 from maglev_design.programs import (
@@ -81,7 +82,7 @@ class LoopGraph:
     directions: int
     controller: Controller
     emulator: Emulator | None
-    timing: designs.Timing
+    timing: Timing
     substeps: tuple[int, int]
     tables: tuple[Array, Array, NDArray[np.uint8]]
     start: tuple[float, float, float]
@@ -166,7 +167,7 @@ def build(
     if not refine >= 1:
         raise InputError(f"refine = {refine!r}: must be a whole number from 1 on")
     period = rig.sampling.period
-    when = designs.timing(period, rig.sampling.delay) if method else designs.Timing(0, 0.0, 0)
+    when = timing(period, rig.sampling.delay) if method else Timing(0, 0.0, 0)
     smallest = float(designs.path_gaps(rig, 2)[0])
     unstable = designs.true_equilibrium(rig, designs.plant_beta(rig), smallest).C_Y
     emulator = rig.emulator if emulate else None

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design.controller import design as designs
+from maglev_design.controller.timing import timing
 from maglev_design.programs import (
     acceleration_program,
     continuous_program,
@@ -76,7 +77,7 @@ def resimulate(
         Runs instead of the design's own step, which then gives only the voltage that acts before
         the first sample.
     """
-    when = designs.timing(rig.sampling.period, rig.sampling.delay)
+    when = timing(rig.sampling.period, rig.sampling.delay)
     period, horizon = rig.sampling.period, rig.reference.horizon
     count = math.ceil(round(horizon / period, 9))
     times: Array = np.arange(count, dtype=float) * period

@@ -25,7 +25,8 @@ from maglev_design import programs
 from maglev_design.certification.intervals.arithmetic import OPERATORS, number
 from maglev_design.certification.intervals.jets import variable
 from maglev_design.certification.numbers import as_run
-from maglev_design.controller.design import Design, ExactTiming
+from maglev_design.controller.design import Design
+from maglev_design.controller.timing import ExactTiming
 from maglev_design.lowering import Program, lower
 from maglev_design.options import Controller, Method
 from maglev_design.rig import Rig

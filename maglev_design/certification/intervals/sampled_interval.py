@@ -31,7 +31,7 @@ from maglev_design.certification.intervals.routh import hurwitz_determinant, is_
 from maglev_design.certification.intervals.sampled import Affine, Setting, enclose
 from maglev_design.certification.intervals.spans import ZERO, End, Span, StableSet, unite
 from maglev_design.certification.rationals import decimal
-from maglev_design.controller.design import ExactTiming
+from maglev_design.controller.timing import ExactTiming
 
 NARROW = Fraction(1, 10**13)
 """Relative width of the enclosure of an end."""

@@ -28,7 +28,7 @@ from maglev_design.certification.intervals.sampled import (
 )
 from maglev_design.certification.intervals.sampled_path import nominal_quotients, proved_over
 from maglev_design.certification.rationals import decimal
-from maglev_design.controller.design import ExactTiming, exact_timing
+from maglev_design.controller.timing import ExactTiming, exact_timing
 from maglev_design.rig import LONGEST_PERIOD, MOST_DELAYED_PERIODS
 
 GAPS = 7

@@ -26,7 +26,7 @@ from maglev_design.certification.intervals.sampled import (
 from maglev_design.certification.intervals.sampled_interval import sampled_ratios_at
 from maglev_design.certification.intervals.spans import End, Span, StableSet
 from maglev_design.certification.rationals import decimal, root
-from maglev_design.controller.design import ExactTiming
+from maglev_design.controller.timing import ExactTiming
 
 Range = tuple[Fraction, Fraction]
 Pair = tuple[float, float]

@@ -16,8 +16,9 @@ from typing import Any, Literal
 
 from maglev_design.certification.numbers import check_same_rig
 from maglev_design.certification.rationals import decimal, short
-from maglev_design.controller.design import Design, ExactTiming, exact_timing
+from maglev_design.controller.design import Design
 from maglev_design.controller.family import family_of, rectangle
+from maglev_design.controller.timing import ExactTiming, exact_timing
 from maglev_design.errors import InputError
 from maglev_design.files import digest, finite
 from maglev_design.options import TAN_GPI, Equilibrium, Method
