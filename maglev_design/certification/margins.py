@@ -19,6 +19,7 @@ from maglev_design.figures import DESCRIBED, MARGINS
 from maglev_design.linear_loop import Loop
 from maglev_design.lowering import Program, lower
 from maglev_design.options import Controller
+from maglev_design.programs import derived
 from maglev_design.rig import Rig
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic import robustness
@@ -139,9 +140,8 @@ def continuous_open_loop(rig: Rig, design: Design) -> OpenLoop:
 def _pencil_program(controller: Controller) -> Program:
     law = programs.law(controller)
     pencil = robustness.continuous_pencil(law)
-    parts = (("f", pencil.fixed), ("g", pencil.gain), ("h", pencil.gain_c_y))
-    named = {f"{name}{n}": x for name, part in parts for n, x in enumerate(part)}
-    return lower((p.C_Y_true, *law.gains), named)
+    parts = derived.named(f=pencil.fixed, g=pencil.gain, h=pencil.gain_c_y)
+    return lower((p.C_Y_true, *law.gains), parts)
 
 
 def point_margins(

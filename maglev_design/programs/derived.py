@@ -172,7 +172,7 @@ def sampled_loop(method: Method, controller: Controller) -> Program:
     gain = sp.Symbol("loop_gain")
     loop = stability.sampled_loop(own, method, gain)
     inputs = (gain, p.C_U_hat, p.C_Y_hat, p.C_Y_true, p.T, stability.first_part, *own.gains)
-    return lower(inputs, _named(num=loop.numerator, den=loop.denominator, effort=loop.effort))
+    return lower(inputs, named(num=loop.numerator, den=loop.denominator, effort=loop.effort))
 
 
 def metrics(crossing: bool) -> Program:
@@ -253,8 +253,9 @@ def hurwitz(controller: Controller) -> Program:
     """Return the Routh-Hurwitz conditions, each divided by its value as designed."""
     own = law(controller)
     inputs = (p.rho, p.C_Y_true, p.C_Y_hat, *own.gains)
-    return lower(inputs, _named(share=stability.hurwitz_shares(own)))
+    return lower(inputs, named(share=stability.hurwitz_shares(own)))
 
 
-def _named(**groups: Sequence[sp.Expr]) -> dict[str, sp.Expr]:
+def named(**groups: Sequence[sp.Expr]) -> dict[str, sp.Expr]:
+    """Return the entries of groups by the name of the group and their number."""
     return {f"{name}{n}": x for name, group in groups.items() for n, x in enumerate(group)}

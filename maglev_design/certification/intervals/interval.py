@@ -120,7 +120,7 @@ def ratios_at(loop: ExactLoop, gap: float) -> StableSet:
     roots = algebraic.positive_roots([Poly(f, V) for f in boundary])
     stable = [loop.stable_at(v, exact) for v in algebraic.between(roots)]
     stable = stable if not any(f.is_zero for f in boundary) else [False] * len(stable)
-    here = loop_at(loop, gap=exact)
+    here = [Poly(c.eval(GAP, sp.Rational(exact)), V) for c in loop.coefficients]
     spans = unite(_ratio_ends(loop, roots), stable, lambda n: _passes(here, roots[n]))
     return StableSet((gap, gap), spans, loop.recomputed)
 
@@ -192,11 +192,6 @@ def _norm(f: Poly, square: Fraction) -> Poly:
         return Poly(f.eval(V, sp.Rational(v)), GAP)
     product = algebraic.conjugated(Poly(f.as_expr(), V), sp.Rational(square))
     return Poly(sp.expand(product), GAP)
-
-
-def loop_at(loop: ExactLoop, *, gap: Fraction) -> tuple[Poly, ...]:
-    """Return the coefficients at one gap, in v."""
-    return tuple(Poly(c.eval(GAP, sp.Rational(gap)), V) for c in loop.coefficients)
 
 
 @working()

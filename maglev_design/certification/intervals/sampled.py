@@ -29,6 +29,7 @@ from maglev_design.controller.design import Design
 from maglev_design.controller.timing import ExactTiming
 from maglev_design.lowering import Program, lower
 from maglev_design.options import Controller, Method
+from maglev_design.programs import derived
 from maglev_design.rig import Rig
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic import robustness, stability
@@ -156,11 +157,7 @@ def parts(method: Method, controller: Controller, split: bool) -> Parts:
 
 def _lowered(inputs: Sequence[Symbol], groups: Sequence[Sequence[sp.Expr]]) -> Program:
     """Lower expressions all of whose constants are doubles: none may be rounded on the way."""
-    outputs = {
-        f"{name}{n}": x
-        for name, group in zip("abcde", groups, strict=False)
-        for n, x in enumerate(group)
-    }
+    outputs = derived.named(**dict(zip("abcde", groups, strict=False)))
     constants = {q for x in outputs.values() for q in sp.sympify(x).atoms(sp.Rational)}
     if any(Fraction(float(q)) != Fraction(q) for q in constants):
         raise ArithmeticError("a constant of the pencil is no double; it would be rounded")

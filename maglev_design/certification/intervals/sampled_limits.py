@@ -26,7 +26,11 @@ from maglev_design.certification.intervals.sampled import (
     enclose,
     parts,
 )
-from maglev_design.certification.intervals.sampled_path import nominal_quotients, proved_over
+from maglev_design.certification.intervals.sampled_path import (
+    SLACKS,
+    nominal_quotients,
+    proved_over,
+)
 from maglev_design.certification.rationals import decimal
 from maglev_design.controller.timing import ExactTiming, exact_timing
 from maglev_design.rig import LONGEST_PERIOD, MOST_DELAYED_PERIODS
@@ -39,8 +43,6 @@ SHORTEST = 1e-3
 """Shortest period of the grid over the rig's."""
 FRACTIONS = 10
 """Points of the grid of delays in a period."""
-SLACKS = tuple(Fraction(1, 10**n) for n in (6, 4, 2))
-"""Relative distances from the crossing at which proofs are tried, in turn."""
 FALLBACKS = tuple(Fraction(1, 2**n) for n in range(6))
 """Shares of a time at which they are tried where none of those near it succeeds."""
 

@@ -41,7 +41,7 @@ LOW_DEGREE = 8
 FEWEST_PIECES = 4
 """A proof that may not take as many is not begun."""
 SLACKS = tuple(Fraction(1, 10**n) for n in (6, 4, 2))
-"""Relative distances from the ends over single gaps at which a proof for all is tried, in turn."""
+"""Relative distances from an end or a crossing at which a proof for all gaps is tried, in turn."""
 TRIED_GAPS = 5
 """Single gaps among which the ends over a range are looked for."""
 
