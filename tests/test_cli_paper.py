@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -143,14 +144,13 @@ def test_compare_writes_a_page_with_every_figure(compared: tuple[Path, dict[str,
 
 
 def test_compare_gives_the_same_bytes_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    compared: tuple[Path, dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rig = emulated_rig(tmp_path)
-    quick = ("--no-survey", "--no-tuned", "--no-variants", "--seeds", "2")
-    run("compare", "--rig", rig, *quick, "-o", str(tmp_path / "one"))
-    monkeypatch.setattr("sys.argv", ["maglev-design", "compare", "--rig", rig, *quick])
-    here("compare", "--rig", rig, *quick, "-o", str(tmp_path / "two"))
-    assert contents(tmp_path / "one") == contents(tmp_path / "two")
+    """Page, data and figures of all that is compared, in another process."""
+    words = ("compare", "--rig", emulated_rig(tmp_path), "--seeds", "2")
+    monkeypatch.setattr(sys, "argv", ["maglev-design", *words, "--json"])  # the page tells it
+    assert here(*words, "-o", str(tmp_path / "two")) == compared[1]
+    assert contents(tmp_path / "two") == contents(compared[0])
 
 
 def test_compare_prints_tables_and_names_the_guesses(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 import reference
+from grids import coarse
 from rigs import MINIMAL, QUICK, changed, rig_with
 
 from maglev_design import linear_loop as loops
@@ -30,7 +31,6 @@ from maglev_design.tuning import (
     Unstabilisable,
     as_json,
     build_problem,
-    dense,
     judge,
     search,
     solve,
@@ -62,10 +62,7 @@ def quick(changes: dict[str, Any] | None = None) -> Rig:
 
 def solved(problem: TuningProblem, progress: Callable[[str, float], None] | None = None) -> Any:
     """Solve with coarse grids: a variant needs no last digit."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(search, "GRID", 9)
-        patch.setattr(dense, "WIDE", 15)
-        patch.setattr(dense, "FINEST", 0.25 * dense.LOCAL)
+    with coarse():
         return solved_in_full(problem, progress)
 
 
