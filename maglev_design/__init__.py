@@ -9,8 +9,8 @@ The main job, from a rig to a controller in C that was checked:
 >>> tuned = tune(rig)
 >>> f"{tuned.document['worst_case']['itae']:.3g} m s^2 at the worst beta of +-15 %"
 '9.93e-06 m s^2 at the worst beta of +-15 %'
->>> simulate(rig, tuned.design, ratio=1.15).crash is None, certify(rig, tuned.design).certified
-(True, True)
+>>> simulate(rig, tuned.design, ratio=1.15).metrics.crashed, certify(rig, tuned.design).certified
+(False, True)
 >>> with TemporaryDirectory() as folder:
 ...     files = export(tuned, "c", Path(folder) / "controller").sha256
 ...     verify(Path(folder) / "controller").passed

@@ -42,10 +42,11 @@ from maglev_design.certification.intervals.interval import (
     ratios_at,
     ratios_over,
 )
-from maglev_design.certification.intervals.sampled import setting, timing
+from maglev_design.certification.intervals.sampled import setting
 from maglev_design.certification.intervals.sampled_interval import sampled_ratios_at
 from maglev_design.certification.rationals import decimal
 from maglev_design.controller.design import PoleSpec, make_design, plant_beta, voltage_on_plant
+from maglev_design.controller.timing import exact_timing
 from maglev_design.derivation import NOTATION
 from maglev_design.options import EQUILIBRIA
 from maglev_design.paper.theory_appendix import bounds
@@ -366,7 +367,7 @@ for reading in ("model", "appendix-a"):
 # proof.
 
 # %%
-when = timing(decimal(rig.sampling.period), decimal(rig.sampling.delay))
+when = exact_timing(decimal(rig.sampling.period), decimal(rig.sampling.delay))
 (span,) = sampled_ratios_at(setting(rig, one), when, Y).spans
 print(f"{span.lower.value:.6f} to {span.upper.value:.6f}")
 

@@ -372,11 +372,12 @@ noise = trap.figures.noise_voltage / result.figures.noise_voltage
 print(f"noise on the voltage {noise:.1f} times that of the tuned design")
 late, usual = trap.figures, result.figures
 print(
-    f"one more sample: radius {late.radius_one_more_sample:.4f}, M_s {late.ms_one_more_sample:.0f}"
+    f"one more sample: radius {late.spectral_radius_one_more_sample:.4f}, "
+    f"M_s {late.ms_one_more_sample:.0f}"
 )
-print(f"tuned design: {usual.radius_one_more_sample:.4f}, {usual.ms_one_more_sample:.1f}")
+print(f"tuned design: {usual.spectral_radius_one_more_sample:.4f}, {usual.ms_one_more_sample:.1f}")
 assert trap.improvement > 10
 assert trap.figures.worst.peak_voltage > 3 * rig.limits.voltage[1]
 assert noise > 3
-assert late.radius_one_more_sample > 0.995 > usual.radius_one_more_sample
+assert late.spectral_radius_one_more_sample > 0.995 > usual.spectral_radius_one_more_sample
 assert late.ms_one_more_sample > 10 * usual.ms_one_more_sample

@@ -334,7 +334,7 @@ late = parse_rig(TEXT.replace("delay = 0.0002", "delay = 0.001"), "my_rig.toml")
 late_problem = build_problem(late)
 kept = judge(late_problem, result.poles)
 anew = solve(late_problem)
-print(f"old poles: M_s = {kept.ms:.2f}, spectral radius {kept.radius:.4f}")
+print(f"old poles: M_s = {kept.ms:.2f}, spectral radius {kept.spectral_radius:.4f}")
 print(f"anew: {anew.poles.first}, M_s = {anew.figures.ms:.2f}, ITAE {anew.figures.worst.itae:.3e}")
 assert kept.ms > 2
 assert anew.figures.feasible
