@@ -1,7 +1,7 @@
 """The chain as functions: from a rig to a controller that was checked, one call an arrow.
 
-These are the functions of the package's front page; a verb of the command line parses, calls one
-of them, prints and exits.
+These are the functions of the package's front page. The verbs `tune` and `design` of the command
+line are made of them; the other verbs do as much with the rooms below, for what they print besides.
 """
 
 from __future__ import annotations

@@ -108,7 +108,8 @@ class DesignRecord:
     def plant(self, gap: float | None = None, ratio: float = 1.0) -> Any:
         """Return the plant's tangent at rest as a python-control state space, continuous.
 
-        From the voltage's deviation [V] to that of the gap [m]; states (y_delta, y_delta').
+        From the voltage's deviation [V] to that of the gap [m]; states (y_delta, y_delta'). The
+        rig's delay, which the exported loop has, is not in it.
 
         Parameters
         ----------
