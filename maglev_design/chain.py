@@ -1,7 +1,7 @@
 """The chain as functions: from a rig to a controller that was checked, one call an arrow.
 
 These are the functions of the package's front page. The verbs `tune` and `design` of the command
-line are made of them; the other verbs do as much with the rooms below, for what they print besides.
+line share their parts; the other verbs work with the rooms below.
 """
 
 from __future__ import annotations
