@@ -9,7 +9,7 @@ The main job, from a rig to a controller in C that was checked:
 >>> tuned = tune(rig)
 >>> f"{tuned.document['worst_case']['itae']:.3g} m s^2 at the worst beta of +-15 %"
 '9.93e-06 m s^2 at the worst beta of +-15 %'
->>> simulate(rig, tuned.design, ratio=1.15).metrics.crashed, certify(rig, tuned.design).certified
+>>> simulate(tuned, ratio=1.15).metrics.crashed, certify(tuned).certified
 (False, True)
 >>> with TemporaryDirectory() as folder:
 ...     files = export(tuned, "c", Path(folder) / "controller").sha256

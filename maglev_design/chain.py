@@ -1,7 +1,11 @@
 """The chain as functions: from a rig to a controller that was checked, one call an arrow.
 
-These are the functions of the package's front page. The verbs `tune` and `design` of the command
-line share their parts; the other verbs work with the rooms below.
+These are the functions of the package's front page. The verbs `tune`, `design` and `certify` of the
+command line share their parts; the other verbs work with the rooms below.
+
+A saved design is a whole subject: ``simulate``, ``sweep`` and ``certify`` take its record as it is,
+with its rig, its controller and the family of plants that it was made for. A rig needs a controller
+beside it, and its family is that of its own ``[uncertainty]``.
 """
 
 from __future__ import annotations
@@ -19,13 +23,13 @@ from maglev_design.controller.design import (
     check_path_voltage,
     make_design,
 )
-from maglev_design.errors import InfeasibleError
+from maglev_design.errors import InfeasibleError, InputError
 from maglev_design.files import output_folder
 from maglev_design.options import METHODS, TAN_GPI, Controller, Equilibrium, Method, Target
 from maglev_design.rig import Rig, is_papers
 
 if TYPE_CHECKING:
-    from maglev_design.certification.assessment import Assessment
+    from maglev_design.certification.assessment import Assessment, AssessmentSubject
     from maglev_design.certification.lyapunov.lmi import LmiCertificate
     from maglev_design.exporting import Export, Verdict
     from maglev_design.record import DesignRecord
@@ -200,21 +204,21 @@ def _trade_off(result: TuneResult, progress: Progress) -> TradeOff:
 
 
 def simulate(
-    rig: Rig,
-    controller: Design,
+    subject: DesignRecord | Rig,
+    controller: Design | None = None,
     *,
     ratio: float = 1.0,
     noise: bool = False,
     seed: int = 0,
     continuous: bool = False,
 ) -> Response:
-    """Run `controller` on the nonlinear plant of `rig`, from its start along its path.
+    """Run a controller on the nonlinear plant of its rig, from its start along its path.
 
     Parameters
     ----------
-    rig : Rig
-    controller : Design
-        Made for this rig.
+    subject : DesignRecord or Rig
+    controller : Design, optional
+        Made for this rig; a record brings its own.
     ratio : float
         beta_c/beta [-]: the plant's force constant is the controller's over it.
     noise : bool
@@ -223,6 +227,11 @@ def simulate(
         Of the noise.
     continuous : bool
         Whether the continuous law runs instead of the sampled one.
+
+    Raises
+    ------
+    InputError
+        For a rig without a controller, or a record with another one.
 
     Examples
     --------
@@ -233,15 +242,29 @@ def simulate(
     """
     from maglev_design import simulation  # noqa: PLC0415 - CasADi
 
+    rig, made, _ = _told(subject, controller)
     start = simulation.Scenario(
-        controller.beta_at(ratio), rig.initial.gap, rig.initial.velocity, noise=noise, seed=seed
+        made.beta_at(ratio), rig.initial.gap, rig.initial.velocity, noise=noise, seed=seed
     )
-    loop = simulation.loop_for(rig, controller, continuous=continuous)
-    return simulation.simulate(loop, controller, start)
+    loop = simulation.loop_for(rig, made, continuous=continuous)
+    return simulation.simulate(loop, made, start)
+
+
+def _told(
+    subject: DesignRecord | Rig, controller: Design | None
+) -> tuple[Rig, Design, float | None]:
+    """Return a subject's rig and controller, and the error of beta that it was made with."""
+    if not isinstance(subject, Rig):
+        if controller is not None:
+            raise InputError("a record brings its own controller: leave one of the two out")
+        return subject.rig, subject.design, subject.given_beta_error
+    if controller is None:
+        raise InputError("a rig alone says no controller: give one of `design` beside it")
+    return subject, controller, None
 
 
 def sweep(
-    rig: Rig,
+    subject: DesignRecord | Rig,
     controllers: Iterable[Design],
     folder: str | Path,
     *,
@@ -249,19 +272,36 @@ def sweep(
     seed: int = 0,
     force: bool = False,
 ) -> SweepResult:
-    """Run `controllers` on the same `samples` draws of the rig's uncertainty, into a folder.
+    """Run controllers on the same draws of the rig's uncertainty, into a folder.
 
     Stopped at any moment, the same call goes on where it was.
+
+    Parameters
+    ----------
+    subject : DesignRecord or Rig
+    controllers : iterable of Design
+        Made for this rig; of a record those that run beside its own, maybe none.
+    folder : path
+    samples : int
+        Draws.
+    seed : int
+        Of the draws and of the noise.
+    force : bool
 
     Raises
     ------
     InputError
-        When the folder belongs to another sweep, unless `force`.
+        When the folder belongs to another sweep, or this program did not write it, unless `force`;
+        for no design, or designs of two families.
     """
     from maglev_design import sweeping  # noqa: PLC0415
 
-    setup = sweeping.make_setup(rig, tuple(controllers), samples=samples, seed=seed)
-    return sweeping.sweep(setup, Path(folder), force=force)
+    rig, error, made = subject, None, tuple(controllers)
+    if not isinstance(rig, Rig):
+        rig, own, error = _told(rig, None)
+        made = (own, *made)
+    setup = sweeping.make_setup(rig, made, samples=samples, seed=seed, beta_error=error)
+    return sweeping.sweep(setup, output_folder(Path(folder), force=force), force=force)
 
 
 @dataclass(frozen=True)
@@ -287,22 +327,23 @@ class Certification:
 
 
 def certify(
-    rig: Rig,
-    controller: Design,
+    subject: DesignRecord | Rig,
+    controller: Design | None = None,
     *,
     beta_error: float | None = None,
     gap_range: tuple[float, float] | None = None,
     progress: Progress = _silent,
 ) -> Certification:
-    """Prove what holds of `controller` over the rig's family of plants.
+    """Prove what holds of a controller over its family of plants.
 
     Parameters
     ----------
-    rig : Rig
-        The controller's.
-    controller : Design
+    subject : DesignRecord or Rig
+    controller : Design, optional
+        Made for this rig; a record brings its own.
     beta_error : float, optional
-        Relative half width of beta; default: the rig's.
+        Half the width of the interval of beta_c/beta [-]; default: what the record was made with,
+        else what the rig says for the controller's reading.
     gap_range : tuple of float, optional
         [m]; default: the hull of path, initial gap and Y.
     progress : callable
@@ -310,18 +351,40 @@ def certify(
     Raises
     ------
     InputError
-        For a family that is impossible.
+        For a family that is impossible, a path that the rig's voltage cannot follow, a rig without
+        a controller, or a record with another one.
     """
+    return proved(to_prove(subject, controller, beta_error, gap_range), progress)
+
+
+def to_prove(
+    subject: DesignRecord | Rig,
+    controller: Design | None,
+    beta_error: float | None,
+    gap_range: tuple[float, float] | None,
+) -> AssessmentSubject:
+    """Return what :func:`certify` is asked to prove, checked; nothing is computed yet."""
     from maglev_design.certification import assessment  # noqa: PLC0415
+
+    rig, made, error = _told(subject, controller)
+    check_path_voltage(rig)
+    return assessment.subject(
+        rig, made, beta_error=error if beta_error is None else beta_error, gap_range=gap_range
+    )
+
+
+def proved(own: AssessmentSubject, progress: Progress) -> Certification:
+    """Return the answer of :func:`certify`."""
+    from maglev_design.certification.assessment import assess  # noqa: PLC0415
     from maglev_design.certification.lyapunov.lmi import certify_family  # noqa: PLC0415
 
-    own = assessment.subject(rig, controller, gap_range=gap_range, beta_error=beta_error)
-    found = assessment.assess(own, lambda stage, done: progress(stage, 0.7 * done))
-    if controller.controller.name != TAN_GPI.name:
+    found = assess(own, lambda stage, done: progress(stage, 0.8 * done))
+    if own.design.controller.name != TAN_GPI.name:
         return Certification(found, ())
-    progress("Lyapunov functions", 0.7)
+    progress("Lyapunov functions", 0.8)
     return Certification(
-        found, certify_family(controller, rig, beta_error=beta_error, gap_range=gap_range)
+        found,
+        certify_family(own.design, own.rig, beta_error=own.beta_error, gap_range=own.family.gaps),
     )
 
 

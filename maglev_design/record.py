@@ -77,6 +77,15 @@ class DesignRecord:
     document: dict[str, Any]
     curves: Curves
 
+    @property
+    def given_beta_error(self) -> float | None:
+        """Half the width of the interval of beta_c/beta [-] where it was asked for.
+
+        None where the family is that of the rig's own ``[uncertainty]``.
+        """
+        given: float | None = self.document["beta_error_given"]
+        return given
+
     def controller(self) -> Any:
         """Return the controller's linear core as a python-control state space, dt = T [s].
 

@@ -71,5 +71,6 @@ def document_of(rig: Rig, design: Design, **more: Any) -> dict[str, Any]:
         "gains": design.named_gains,
         "difference_equation": difference_equation(design),
         "controller_sha256": design.sha256,
+        "beta_error_given": None,
         **more,
     }

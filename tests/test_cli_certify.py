@@ -40,10 +40,9 @@ def rig_file(folder: Path, changes: dict[str, Any]) -> Path:
     return path
 
 
-def design_file(folder: Path, rig: Rig, design: Design, beta_error: float = 0.15) -> Path:
-    """Write what is read back of a saved design."""
-    family = {"ratios": [1 - beta_error, 1 + beta_error]}
-    document = document_of(rig, design, family=family)
+def design_file(folder: Path, rig: Rig, design: Design, beta_error: float | None = None) -> Path:
+    """Write what is read back of a saved design, made with an error of beta or the rig's."""
+    document = document_of(rig, design, beta_error_given=beta_error)
     path = folder / "design.json"
     path.write_bytes(document_bytes(finite(document)))
     return path
@@ -148,7 +147,7 @@ def test_without_a_certificate_the_earlier_one_does_not_stay(
 
 
 def test_a_reading_a_method_and_a_family_can_be_chosen(tmp_path: Path) -> None:
-    own, error = certify_verb._subject(
+    own = certify_verb._subject(
         CertifyOptions(
             rig=str(rig_file(tmp_path, MEASURED)),
             zeta=1.2,
@@ -165,7 +164,7 @@ def test_a_reading_a_method_and_a_family_can_be_chosen(tmp_path: Path) -> None:
     assert own.design.believed.U == 2.0825
     assert own.family.gaps == (0.02, 0.03)
     assert own.family.ratios == pytest.approx((0.7, 1.3))
-    assert error == 0.3
+    assert own.beta_error == 0.3
 
 
 # --- one controller -------------------------------------------------------------------------
@@ -245,16 +244,17 @@ def test_the_exported_coefficients_survive_the_promised_delay_and_no_more(
 def test_a_controller_is_judged_as_saved(tmp_path: Path) -> None:
     rig, design = load_rig("belmonte2021"), DESIGN
     path = design_file(tmp_path, rig, design)
-    own, error = certify_verb._subject(CertifyOptions(design=path))
+    own = certify_verb._subject(CertifyOptions(design=path))
     assert own.design.sha256 == design.sha256
-    assert (own.family.ratios, error) == ((0.85, 1.15), None)
-    narrow, error = certify_verb._subject(
-        CertifyOptions(design=design_file(tmp_path, rig, design, 0.05))
-    )
+    assert (own.family.ratios, own.beta_error) == ((0.85, 1.15), None)
+    narrow = certify_verb._subject(CertifyOptions(design=design_file(tmp_path, rig, design, 0.05)))
     assert narrow.family.ratios == pytest.approx((0.95, 1.05))
-    assert error == pytest.approx(0.05)
+    assert narrow.beta_error == 0.05
+    asked = CertifyOptions(design=tmp_path / "design.json", beta_error=0.1)
+    assert certify_verb._subject(asked).family.ratios == pytest.approx((0.9, 1.1))
+    path = design_file(tmp_path, rig, design)
     same = CertifyOptions(design=path, zeta=1.0, equilibrium="model", method="tustin")
-    assert certify_verb._subject(same)[0].design.sha256 == design.sha256
+    assert certify_verb._subject(same).design.sha256 == design.sha256
     for option, value in (
         ("zeta", 1.1),
         ("omega_n", 71.0),

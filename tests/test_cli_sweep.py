@@ -102,10 +102,13 @@ def swept(folder: Path, **options: Any) -> dict[str, Any]:
     return found
 
 
-def save_design(folder: Path, rig: Rig, zeta: float, omega_n: float) -> Path:
+def save_design(
+    folder: Path, rig: Rig, zeta: float, omega_n: float, beta_error: float | None = None
+) -> Path:
     """Write a record such as `tune` writes, without tuning."""
+    folder.mkdir(exist_ok=True)
     design = make_design(rig, PoleSpec.double(zeta, omega_n))
-    document = document_of(rig, design)
+    document = document_of(rig, design, beta_error_given=beta_error)
     record.save(record.DesignRecord(rig, design, finite(document), {}), folder)
     return folder / "design.json"
 
@@ -199,6 +202,26 @@ def test_a_design_for_another_plant_is_refused(rig_file: str, tmp_path: Path) ->
         InputError, match=r"two.*noise.input = 0.0, not 0.001 as .*design.json has it; say"
     ):
         swept(tmp_path / "out", design=[path, second])
+
+
+def test_saved_designs_are_swept_over_the_family_that_they_were_made_for(
+    rig_file: str, tmp_path: Path
+) -> None:
+    rig = load_rig(rig_file)
+    narrow = save_design(tmp_path / "narrow", rig, 1.0, 60.0, beta_error=0.01)
+    found = swept(tmp_path / "out", design=[narrow])
+    worst = found["worst"][0]
+    assert (found["drawn"]["ratio"]["lower"], found["drawn"]["ratio"]["upper"]) == (0.99, 1.01)
+    assert (
+        replayed(f"{tmp_path / 'out' / 'sweep.json'}:{worst['scenario']}").drawn == worst["drawn"]
+    )
+    wide = swept(tmp_path / "wide", design=[narrow], rig=rig_file)
+    assert (wide["drawn"]["ratio"]["lower"], wide["drawn"]["ratio"]["upper"]) == (0.85, 1.15)
+    plain = save_design(tmp_path / "plain", rig, 1.0, 60.0)
+    with pytest.raises(
+        InputError, match=r"plain.*made with --beta-error left out, .*narrow.* with 0.01: two fam"
+    ):
+        swept(tmp_path / "both", design=[narrow, plain])
 
 
 BAD: list[tuple[dict[str, Any], str]] = [

@@ -6,12 +6,17 @@ import importlib
 import pkgutil
 import subprocess
 import sys
+from fractions import Fraction
+from pathlib import Path
 
 import control
 import numpy as np
 import pytest
+from exported import judged
 
 import maglev_design
+from maglev_design.controller.design import PoleSpec
+from maglev_design.errors import InputError
 from maglev_design.linear_loop import loop_of
 from maglev_design.record import DesignRecord
 
@@ -62,3 +67,49 @@ def test_a_record_answers_with_systems_of_python_control(tuned_record: DesignRec
     assert np.poly([*loop.poles(), 0.0]) == pytest.approx(
         row.full().ravel() / float(row[0]), rel=1e-6
     )
+
+
+# --- a record as a subject ------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def narrow() -> DesignRecord:
+    """A record made with another error of beta than its rig's 10 %."""
+    return judged(PoleSpec.double(1.1, 75.0), beta_error=0.05)
+
+
+def test_a_record_is_certified_over_the_family_that_it_was_made_for(narrow: DesignRecord) -> None:
+    found = maglev_design.certify(narrow)
+    over = found.assessment.subject.family
+    assert over.as_data(narrow.rig.plant.gap_offset) == narrow.document["family"]
+    assert over.ratios == (0.95, 1.05)
+    assert {one.claim.ratios for one in found.certificates} == {
+        (Fraction(19, 20), Fraction(21, 20))
+    }
+    assert found.assessment.subject.design == narrow.design
+
+
+def test_a_record_is_swept_over_the_family_that_it_was_made_for(
+    narrow: DesignRecord, tmp_path: Path
+) -> None:
+    other = maglev_design.design(narrow.rig, 1, 60)
+    found = maglev_design.sweep(narrow, [other], tmp_path / "record", samples=64)
+    assert found.setup.designs == (narrow.design, other)
+    assert found.setup.spreads["ratio"].reach == (0.95, 1.05)
+    beside = maglev_design.sweep(narrow.rig, [narrow.design], tmp_path / "rig", samples=64)
+    assert beside.setup.spreads["ratio"].reach == (0.9, 1.1)
+
+
+def test_a_record_is_simulated_on_its_own_rig(narrow: DesignRecord) -> None:
+    found = maglev_design.simulate(narrow, ratio=1.05, noise=True, seed=3)
+    same = maglev_design.simulate(narrow.rig, narrow.design, ratio=1.05, noise=True, seed=3)
+    assert found.gap.tobytes() == same.gap.tobytes()
+
+
+@pytest.mark.parametrize("verb", ["simulate", "certify"])
+def test_a_subject_has_one_controller(verb: str, narrow: DesignRecord) -> None:
+    call = getattr(maglev_design, verb)
+    with pytest.raises(InputError, match="brings its own controller"):
+        call(narrow, narrow.design)
+    with pytest.raises(InputError, match="a rig alone"):
+        call(narrow.rig)

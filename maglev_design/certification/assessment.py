@@ -50,11 +50,14 @@ class AssessmentSubject:
         One controller; its numbers stay whatever the plant.
     family : Family
         Gaps [m], ratios beta_c/beta and errors of y0 [m].
+    beta_error : float or None
+        Half the width of the ratios where it was said, as it was typed; else None.
     """
 
     rig: Rig
     design: Design
     family: Family
+    beta_error: float | None
 
 
 def subject(
@@ -81,7 +84,7 @@ def subject(
                 "above the second"
             )
         over = replace(over, gaps=(low, high))
-    return AssessmentSubject(rig, design, over)
+    return AssessmentSubject(rig, design, over, beta_error)
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,13 @@ from maglev_design.cli.certify_tables import print_assessment
 from maglev_design.cli.output import print_json, progress_bar, say, table, warn
 from maglev_design.errors import InputError, VerificationError
 from maglev_design.files import json_bytes, output_folder, write_bytes
-from maglev_design.options import SCHEMA_VERSION, TAN_GPI, Controller
+from maglev_design.options import SCHEMA_VERSION, Controller
 
 if TYPE_CHECKING:
+    from maglev_design.certification.assessment import AssessmentSubject
+    from maglev_design.certification.lyapunov.lmi import LmiCertificate
     from maglev_design.cli.commands.certify import CertifyOptions
+    from maglev_design.record import DesignRecord
 
 RESULT, CERTIFICATE = "robustness.json", "certificate.json"
 
@@ -27,26 +30,23 @@ def certify(options: CertifyOptions) -> None:
     if options.check is not None:
         check(options.check, options)
         return
-    from maglev_design.certification.assessment import assess  # noqa: PLC0415
     from maglev_design.certification.region.guaranteed import RegionStatus, status_as_data  # noqa: PLC0415
+    from maglev_design.chain import proved  # noqa: PLC0415
     from maglev_design.controller.design import voltage_warning  # noqa: PLC0415
 
-    own, beta_error = _subject(options)
+    own = _subject(options)
     disagreement = voltage_warning(own.rig)
     folder = output_folder(options.output, force=options.force) if options.output else None
-    certificates: tuple[Any, ...] = ()
     region, refused = None, None
     with progress_bar() as progress:
-        found = assess(own, lambda stage, done: progress(stage, 0.6 * done))
-        if own.design.controller == TAN_GPI:
-            progress("Lyapunov functions", 0.6)
-            certificates = _certificates(own, beta_error, options)
+        found = proved(own, lambda stage, done: progress(stage, 0.7 * done))
+        certificates = found.certificates
+        if certificates and found.assessment.spectral_radius.value < 1:
             progress("region of initial errors", 0.7)
-            if found.spectral_radius.value < 1:
-                region = _region(own, progress)
-            else:
-                refused = status_as_data(RegionStatus.SAMPLED_UNSTABLE)
-    document = {"rig": own.rig.name, **found.as_dict()}
+            region = _region(own, progress)
+        elif certificates:
+            refused = status_as_data(RegionStatus.SAMPLED_UNSTABLE)
+    document = {"rig": own.rig.name, **found.assessment.as_dict()}
     document["lmi"] = [certificate.as_dict() for certificate in certificates]
     document["region"] = region.as_dict() if region else refused
     if options.json:
@@ -93,13 +93,6 @@ def check(path: Path, options: CertifyOptions) -> None:
         sys.exit(VerificationError.exit_code)
 
 
-def _certificates(own: Any, beta_error: float | None, options: CertifyOptions) -> tuple[Any, ...]:
-    from maglev_design.certification.lyapunov.lmi import certify_family  # noqa: PLC0415
-
-    error = None if beta_error is None else short(beta_error)
-    return certify_family(own.design, own.rig, beta_error=error, gap_range=options.gap_range)
-
-
 @dataclass(frozen=True)
 class _Region:
     """The guaranteed region beside the simulated one, and where they contradict each other."""
@@ -119,7 +112,7 @@ class _Region:
         }
 
 
-def _region(own: Any, progress: Any) -> _Region:
+def _region(own: AssessmentSubject, progress: Any) -> _Region:
     from maglev_design.certification.region import guaranteed, simulated  # noqa: PLC0415
     from maglev_design.simulation import cores  # noqa: PLC0415
 
@@ -139,7 +132,7 @@ def _region(own: Any, progress: Any) -> _Region:
     return _Region(found, whole, maps[0] if maps else None, tuple(dict.fromkeys(against)))
 
 
-def _proofs(certificates: tuple[Any, ...], folder: Path) -> tuple[Path, ...]:
+def _proofs(certificates: tuple[LmiCertificate, ...], folder: Path) -> tuple[Path, ...]:
     """Write the certificate; without one, take away what an earlier run left there."""
     from maglev_design.certification.lyapunov.certificate import write  # noqa: PLC0415
 
@@ -166,41 +159,36 @@ def _figures(region: _Region | None, folder: Path) -> tuple[Path, ...]:
         return (save_figure(figure, folder / "region.svg"),)
 
 
-def _subject(options: CertifyOptions) -> tuple[Any, float | None]:
-    """Return which controller is judged on what, and the error of beta where it was said."""
-    from maglev_design.certification.assessment import subject  # noqa: PLC0415
+def _subject(options: CertifyOptions) -> AssessmentSubject:
+    """Return which controller is judged on what."""
+    from maglev_design.chain import to_prove  # noqa: PLC0415
     from maglev_design.cli.law import asked_poles  # noqa: PLC0415
-    from maglev_design.controller.design import check_path_voltage, make_design  # noqa: PLC0415
+    from maglev_design.controller.design import make_design  # noqa: PLC0415
     from maglev_design.options import DEFAULT_PRESET  # noqa: PLC0415
     from maglev_design.rig import load_rig  # noqa: PLC0415
 
-    beta_error = options.beta_error
     if options.design is not None:
-        rig, design, saved = _saved(options.design, options)
-        beta_error = saved if beta_error is None else beta_error
-    else:
-        rig = load_rig(options.rig or DEFAULT_PRESET)
-        design = make_design(
-            rig,
-            asked_poles(options),
-            controller=Controller(options.controller or "tan-gpi"),
-            equilibrium=options.equilibrium or "model",
-            method=options.method,
-        )
-    check_path_voltage(rig)
-    own = subject(rig, design, beta_error=beta_error, gap_range=options.gap_range)
-    return own, beta_error
+        saved = _saved(options.design, options)
+        return to_prove(saved, None, options.beta_error, options.gap_range)
+    rig = load_rig(options.rig or DEFAULT_PRESET)
+    design = make_design(
+        rig,
+        asked_poles(options),
+        controller=Controller(options.controller or "tan-gpi"),
+        equilibrium=options.equilibrium or "model",
+        method=options.method,
+    )
+    return to_prove(rig, design, options.beta_error, options.gap_range)
 
 
-def _saved(path: Path, options: CertifyOptions) -> tuple[Any, Any, float | None]:
-    """Return rig, controller and error of beta of a saved design; nothing of it may be changed."""
-    from maglev_design.controller.family import family_of  # noqa: PLC0415
+def _saved(path: Path, options: CertifyOptions) -> DesignRecord:
+    """Return the record of a saved design; nothing of it may be changed."""
     from maglev_design.record import load  # noqa: PLC0415
 
     if options.rig is not None:
         raise InputError("--rig: the saved design brings its own rig; leave one of the two out")
     record = load(path)
-    rig, design = record.rig, record.design
+    design = record.design
     zetas, speeds = zip(design.poles.first, design.poles.second, strict=True)
     for option, said, fixed in (
         ("equilibrium", options.equilibrium, (design.equilibrium,)),
@@ -214,10 +202,7 @@ def _saved(path: Path, options: CertifyOptions) -> tuple[Any, Any, float | None]
                 f"--{option} = {said}: the saved design has {fixed[0]}, and its numbers are judged "
                 "as they are; leave the option out, or the design"
             )
-    ratios = tuple(record.document["family"]["ratios"])
-    if ratios == family_of(rig, design.equilibrium).ratios:
-        return rig, design, None
-    return rig, design, float(f"{(ratios[1] - ratios[0]) / 2:.12g}")
+    return record
 
 
 def _warnings(document: dict[str, Any]) -> list[str]:

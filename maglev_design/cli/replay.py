@@ -137,4 +137,5 @@ def _setup(data: dict[str, Any], path: Path) -> sweeps.Setup:
     """Return the setup of a description."""
     rig = rig_from_data(data["rig"], str(path))
     designs = [design_from_data(one, str(path)) for one in data["designs"]]
-    return sweeps.Setup(rig, tuple(designs), **{name: data[name] for name in sweeps.OF_A_SWEEP})
+    chosen = {name: data[name] for name in sweeps.OF_A_SWEEP}
+    return sweeps.Setup(rig, tuple(designs), **chosen, beta_error=data.get("beta_error"))

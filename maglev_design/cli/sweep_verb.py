@@ -43,9 +43,10 @@ MOST_ROWS = 5
 
 def sweep(options: SweepOptions) -> None:
     """Compute what is missing, print, save."""
-    rig, designs = _rig_and_designs(options)
+    rig, designs, error = _subject(options)
     check_path_voltage(rig)
-    setup = sweeps.make_setup(rig, designs, **picked(options, *sweeps.OF_A_SWEEP))
+    asked = picked(options, *sweeps.OF_A_SWEEP)
+    setup = sweeps.make_setup(rig, designs, **asked, beta_error=error)
     runner = _runner(options)
     folder = output_folder(options.output, force=options.force)
     for text in _warnings(setup):
@@ -130,8 +131,13 @@ def _runner(options: SweepOptions) -> sweeps.Runner:
     return partial(sweeps.in_processes, jobs=options.jobs)
 
 
-def _rig_and_designs(options: SweepOptions) -> tuple[Rig, tuple[Design, ...]]:
-    """Return the rig whose scenarios are drawn, and every controller that runs them."""
+def _subject(
+    options: SweepOptions,
+) -> tuple[Rig, tuple[Design, ...], float | None]:
+    """Return the rig whose scenarios are drawn, every controller that runs them, the error of beta.
+
+    Saved designs bring the error that they were made with, unless a rig is named.
+    """
     paths, named = options.design or [], options.controller or []
     made = bool(named) or not paths
     if not made:
@@ -162,7 +168,24 @@ def _rig_and_designs(options: SweepOptions) -> tuple[Rig, tuple[Design, ...]]:
             )
             for name in named or ("tan-gpi",)
         ]
-    return rig, tuple(designs)
+    return rig, tuple(designs), None if options.rig is not None else _error(paths, records)
+
+
+def _error(paths: list[Path], records: list[DesignRecord]) -> float | None:
+    """Return the error of beta that all of the records were made with; None: what the rig says."""
+    errors = [record.given_beta_error for record in records]
+    for path, error in zip(paths, errors, strict=True):
+        if error != errors[0]:
+            raise InputError(
+                f"{path}: made with --beta-error {_said(error)}, {paths[0]} with "
+                f"{_said(errors[0])}: two families of plants; sweep each design alone, or say with "
+                "--rig whose uncertainty is meant"
+            )
+    return errors[0] if errors else None
+
+
+def _said(error: float | None) -> str:
+    return "left out" if error is None else f"{error:g}"
 
 
 def _controller(word: str) -> Controller:

@@ -68,6 +68,7 @@ def make_setup(
     chunk: int | None = None,
     noise: bool | None = None,
     backend: Backend = "auto",
+    beta_error: float | None = None,
 ) -> Setup:
     """Return what is to be computed, with everything decided that was left open.
 
@@ -84,6 +85,9 @@ def make_setup(
         Default: whether the rig has any.
     backend : {"auto", "compiled", "interpreted"}
         ``auto``: compiled where there is a compiler.
+    beta_error : float, optional
+        Half the width of the interval of beta_c/beta [-]; default: what the rig says for the
+        reading of the designs.
     """
     if not designs:
         raise InputError("no design to sweep")
@@ -95,7 +99,7 @@ def make_setup(
         backend = "compiled" if compiled.compiler() else "interpreted"
     if chunk is None:
         chunk = COMPILED_CHUNK if backend == "compiled" else INTERPRETED_CHUNK
-    return Setup(rig, designs, samples, seed, sampling, chunk, noise, backend)
+    return Setup(rig, designs, samples, seed, sampling, chunk, noise, backend, beta_error)
 
 
 def _silent(_done: int, _wanted: int, _found: int) -> None:

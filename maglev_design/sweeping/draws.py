@@ -31,10 +31,13 @@ _PLACES, _JITTER, _SCRAMBLE = 1, 2, 3
 """Which stream of a seed: the permutations, what is independent, the scrambling."""
 
 
-def drawn_spreads(rig: Rig, equilibrium: Equilibrium = "model") -> dict[str, Spread]:
+def drawn_spreads(
+    rig: Rig, equilibrium: Equilibrium = "model", beta_error: float | None = None
+) -> dict[str, Spread]:
     """Return what is drawn for each scenario of a rig, in order.
 
-    The ratio is uniform over the family of the reading. Under ``measured`` the plant's beta follows
+    The ratio is uniform over the family of the reading and of `beta_error`, see
+    :func:`maglev_design.controller.family.family_of`. Under ``measured`` the plant's beta follows
     from the voltage that holds the ball, and what its parts may be plays no part.
 
     Examples
@@ -46,7 +49,7 @@ def drawn_spreads(rig: Rig, equilibrium: Equilibrium = "model") -> dict[str, Spr
     spreads = rig.uncertainty.spreads
     if beta_is_computed(rig, equilibrium):
         return spreads
-    low, high = family_of(rig, equilibrium).ratios
+    low, high = family_of(rig, equilibrium, beta_error).ratios
     ratio = {RATIO: Spread(distribution="uniform", lower=low, upper=high)} if low < high else {}
     unused = BETA_PARTS if equilibrium == "measured" else ()
     return ratio | {name: spread for name, spread in spreads.items() if name not in unused}
@@ -160,9 +163,10 @@ def draw(
     first: int,
     count: int,
     equilibrium: Equilibrium = "model",
+    beta_error: float | None = None,
 ) -> dict[str, Array]:
     """Return the drawn values of some scenarios by name, SI units; ``ratio`` is beta_c/beta."""
-    spreads = drawn_spreads(rig, equilibrium)
+    spreads = drawn_spreads(rig, equilibrium, beta_error)
     columns = uniforms(sampling, seed, total, len(spreads), first, count).T
     return {
         name: quantile(spread, column)

@@ -68,8 +68,16 @@ class Plants:
 
 def plants(setup: Setup, first: int, count: int) -> Plants:
     """Return the scenarios first, ..., first + count - 1."""
-    rig = setup.rig
-    drawn = draw(rig, setup.sampling, setup.seed, setup.samples, first, count, setup.equilibrium)
+    drawn = draw(
+        setup.rig,
+        setup.sampling,
+        setup.seed,
+        setup.samples,
+        first,
+        count,
+        setup.equilibrium,
+        setup.beta_error,
+    )
     return plants_of(setup, first, count, drawn)
 
 

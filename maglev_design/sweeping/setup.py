@@ -21,7 +21,7 @@ MOST_A_CHUNK = 1 << 20
 COMPILED_CHUNK, INTERPRETED_CHUNK = 4096, 64
 """Loops of one design a chunk: below a second on one core, or a few."""
 OF_A_SWEEP = ("samples", "seed", "sampling", "chunk", "noise", "backend")
-"""What a setup holds beside the rig and the designs."""
+"""What a setup holds beside the rig, the designs and their family: what a user may say."""
 KIND = "maglev-design sweep"
 
 
@@ -45,6 +45,8 @@ class Setup:
     noise : bool
         Whether noise acts.
     backend : {"compiled", "interpreted"}
+    beta_error : float or None
+        Half the width of the interval of beta_c/beta [-]; None: what the rig says for the reading.
     """
 
     rig: Rig
@@ -55,6 +57,7 @@ class Setup:
     chunk: int
     noise: bool
     backend: Backend
+    beta_error: float | None = None
 
     def __post_init__(self) -> None:
         for name, most in (("samples", MOST_SAMPLES), ("chunk", MOST_A_CHUNK)):
@@ -82,7 +85,7 @@ class Setup:
     @property
     def spreads(self) -> dict[str, Spread]:
         """What is drawn for each scenario, in order."""
-        return drawn_spreads(self.rig, self.equilibrium)
+        return drawn_spreads(self.rig, self.equilibrium, self.beta_error)
 
     @property
     def beta_from(self) -> str:
@@ -109,7 +112,7 @@ class Setup:
             {
                 "kind": KIND,
                 "schema_version": SCHEMA_VERSION,
-                **picked(self, *OF_A_SWEEP),
+                **picked(self, *OF_A_SWEEP, "beta_error"),
                 "designs": [design_as_data(design) for design in self.designs],
                 "rig": self.rig.model_dump(exclude_none=True),
             }
