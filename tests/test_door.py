@@ -6,6 +6,7 @@ import importlib
 import pkgutil
 import subprocess
 import sys
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import pytest
 from exported import judged
 
 import maglev_design
+from maglev_design.certification.lyapunov.lmi import LmiStatus
 from maglev_design.controller.design import PoleSpec
 from maglev_design.errors import InputError
 from maglev_design.linear_loop import loop_of
@@ -87,6 +89,12 @@ def test_a_record_is_certified_over_the_family_that_it_was_made_for(narrow: Desi
         (Fraction(19, 20), Fraction(21, 20))
     }
     assert found.assessment.subject.design == narrow.design
+    assert found.certified
+    for one in found.certificates:
+        lost = replace(one, status=LmiStatus.UNSTABLE)
+        others = tuple(lost if other is one else other for other in found.certificates)
+        assert replace(found, certificates=others).certified == (one.claim.loop == "continuous")
+    assert not replace(found, certificates=()).certified
 
 
 def test_a_record_is_swept_over_the_family_that_it_was_made_for(
