@@ -7,8 +7,8 @@ The main job, from a rig to a controller in C that was checked:
 >>> from maglev_design import certify, export, load_rig, simulate, tune, verify
 >>> rig = load_rig("belmonte2021")
 >>> tuned = tune(rig)
->>> f"{tuned.document['worst_case']['itae']:.3g} m s^2 at the worst beta of +-15 %"
-'9.93e-06 m s^2 at the worst beta of +-15 %'
+>>> f"{tuned.document['worst_case']['itae']:.3g} m s^2 at the worst beta_c/beta in [0.85, 1.15]"
+'9.93e-06 m s^2 at the worst beta_c/beta in [0.85, 1.15]'
 >>> simulate(tuned, ratio=1.15).metrics.crashed, certify(tuned).certified
 (False, True)
 >>> with TemporaryDirectory() as folder:
