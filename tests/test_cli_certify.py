@@ -97,6 +97,7 @@ def test_the_tables_name_the_condition_and_every_end(
         "123/1000",
         "9.936844",
         "7.35133",
+        "ms, proved",
     ):
         assert text in shown
 
@@ -313,6 +314,7 @@ def test_no_region_is_offered_where_the_sampled_loop_is_unstable(
     done = CliRunner().invoke(app, ["certify", "--rig", str(rig), "-o", str(tmp_path / "proof")])
     assert done.exit_code == 0, done.output
     assert "No region is offered" in done.stderr
+    assert "0 ms, by eigenvalues" in done.stdout
     assert not (tmp_path / "proof" / "region.svg").exists()
     document = json.loads((tmp_path / "proof" / certify_verb.RESULT).read_text("utf-8"))
     assert document["region"]["status"] == "sampled-unstable"

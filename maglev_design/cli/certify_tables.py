@@ -151,12 +151,17 @@ def _print_sampled(document: dict[str, Any]) -> None:
     times = []
     for label, key in (("sampling period, same gains", "max_period"), ("delay", "max_delay")):
         limit = sampled[key]
+        digits, how = (4, "by eigenvalues") if limit["status"] == "unstable" else (8, "proved")
         cells = [
-            "-" if limit[name] is None else number(1e3 * limit[name], unit, digits)
-            for name, unit, digits in (("stable", "ms", 8), ("unstable", "ms", 8), ("gap", "mm", 4))
+            "-" if limit[name] is None else number(1e3 * limit[name], unit, places) + after
+            for name, unit, places, after in (
+                ("stable", "ms", 8, ""),
+                ("unstable", "ms", digits, f", {how}"),
+                ("gap", "mm", 4, ""),
+            )
         ]
         times.append((f"largest {label}", limit["status"], *cells))
-    header = ("exact beta, every gap", "search", "proved stable", "proved unstable", "at gap")
+    header = ("exact beta, every gap", "search", "proved stable", "unstable", "at gap")
     table("What the sampled loop survives", header, times, words=2)
     radius = sampled["spectral_radius_at"]
     sys.stdout.write(
