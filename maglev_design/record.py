@@ -90,8 +90,10 @@ class DesignRecord:
         """Return the controller's linear core as a python-control state space, dt = T [s].
 
         From what the law reads, for TAN-GPI e = y - y* [m], to the voltage beside its feedforward
-        [V]; the clamp is not in it. The plant's gain is negative, so the loop of both is
-        ``control.feedback(plant * controller, sign=1)``.
+        [V]; the clamp is not in it. The slope of the command is the one that it has at rest at Y,
+        under the voltage U that the controller takes to hold the ball there; of FEE-GPI, whose
+        command is a root, it is another one elsewhere. The plant's gain is negative, so the loop of
+        both is ``control.feedback(plant * controller, sign=1)``.
         """
         import control  # noqa: PLC0415 - heavy
 
