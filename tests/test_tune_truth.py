@@ -26,7 +26,10 @@ from maglev_design.tuning import (
 from maglev_design.tuning.cautions import cautions
 from maglev_design.tuning.evaluation import run
 
-STUBBORN_MS = 3.32
+STUBBORN_MS = 3.2287
+"""Of a search on ever finer grids for the smallest Ms and nothing else; see STUBBORN."""
+ABOVE = 0.01
+"""How far above, relative, the answer of `tune` may be."""
 HUMUSOFT_SATURATED = 1.3855e-7
 """[m s^2] Of a dense search by another program."""
 GRID_OF_ANOTHER = 2e-3
@@ -188,7 +191,7 @@ def stubborn() -> TuneResult:
 def test_infeasible_names_the_limit_that_stands_in_the_way(stubborn: TuneResult) -> None:
     assert stubborn.status is Status.INFEASIBLE
     assert stubborn.figures.tightest.name == "Ms"
-    assert stubborn.figures.tightest.value <= STUBBORN_MS
+    assert STUBBORN_MS <= stubborn.figures.tightest.value <= STUBBORN_MS * (1 + ABOVE)
     assert [c.name for c in stubborn.figures.constraints if not c.satisfied] == ["Ms"]
     tightest = as_json(stubborn)["tightest"]
     assert set(tightest) >= {"name", "limit", "value", "poles", "hint"}
