@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -75,6 +78,34 @@ def test_the_ledger_is_written_for_people(judged: tuple[Path, dict[str, Any]]) -
     ]
     assert page.count("\n### ") == len(found["claims"])
     assert "</script>" not in page.replace("\\</script\\>", "")
+
+
+def test_the_ledger_of_another_rig_is_judged_from_end_to_end(
+    tmp_path: Path, paper_claims: tuple[Claim, ...]
+) -> None:
+    out = tmp_path / "out"
+    found = here("claims", "--rig", rig_file(tmp_path), "--rigs", "2", "-o", str(out))
+    assert list(found) == ["schema_version", "rig", "rigs", "seed", "claims"]
+    assert (found["schema_version"], found["rigs"], found["seed"]) == (1, 2, 0)
+    assert found["rig"]["sampling"]["period"] == 0.002
+    assert [claim["id"] for claim in found["claims"]] == list(statements())
+    assert {tuple(claim) for claim in found["claims"]} == {tuple(x.name for x in fields(Claim))}
+    counts = Counter(claim["verdict"] for claim in found["claims"])
+    assert set(counts) == VERDICTS
+    assert counts.total() == len(statements())
+    told = re.search(
+        r"^(\d+) claims: (.*)\.$", (out / "claims.md").read_text("utf-8"), re.MULTILINE
+    )
+    assert told is not None
+    assert int(told[1]) == counts.total()
+    assert dict(one.split()[::-1] for one in told[2].split(", ")) == {
+        verdict: str(count) for verdict, count in counts.items()
+    }
+    # What the paper's equations are does not depend on the rig.
+    verdicts = {claim["id"]: claim["verdict"] for claim in found["claims"]}
+    for claim in paper_claims:
+        if claim.id.startswith("eq-"):
+            assert verdicts[claim.id] == claim.verdict, claim.id
 
 
 def test_a_claim_is_chosen_by_its_id_or_by_the_start_of_it() -> None:
