@@ -256,8 +256,8 @@ def save(record: DesignRecord, folder: Path) -> tuple[Path, ...]:
     return paths
 
 
-def load(path: Path) -> DesignRecord:
-    """Read a record back and check that it is whole.
+def load(path: str | Path) -> DesignRecord:
+    """Read a record, or the one in a folder, back and check that it is whole.
 
     Raises
     ------
@@ -265,6 +265,7 @@ def load(path: Path) -> DesignRecord:
         When the file cannot be read, is not a design record, is of another schema, was changed
         since it was written, or holds numbers that do not belong together.
     """
+    path = Path(path)
     if path.is_dir():
         path = path / "design.json"
     document = read_document(path, "a design record", LARGEST_RECORD)
