@@ -13,6 +13,7 @@ import hashlib
 import json
 import math
 import os
+import stat
 import sys
 import tempfile
 from collections.abc import Callable, Mapping
@@ -118,6 +119,34 @@ def digest(document: Mapping[str, Any], *, allow_nan: bool = False) -> str:
     body = {key: value for key, value in document.items() if key != "sha256"}
     text = json.dumps(body, sort_keys=True, separators=(",", ":"), allow_nan=allow_nan)
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def read_bytes(path: Path, largest: int) -> bytes:
+    """Return the content of a regular file of at most `largest` bytes.
+
+    Whatever else has the name (a pipe, a device, a folder) is refused and not waited for.
+
+    Raises
+    ------
+    InputError
+        When it is larger, no regular file, or cannot be read.
+    """
+    try:
+        with open(path, "rb", opener=_at_once) as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                raise InputError(f"{path}: no regular file; save it as one")
+            content = file.read(largest + 1)
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"{path}: cannot be read ({reason})") from error
+    if len(content) > largest:
+        raise InputError(f"{path}: larger than {largest} bytes")
+    return content
+
+
+def _at_once(path: str, flags: int) -> int:
+    """Open without waiting for somebody at the other end."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0))
 
 
 def read_document(path: Path, kind: str, largest: int) -> dict[str, Any]:
