@@ -16,10 +16,11 @@ import os
 import stat
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import is_dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 from maglev_design.errors import InputError
 
@@ -124,24 +125,40 @@ def digest(document: Mapping[str, Any], *, allow_nan: bool = False) -> str:
 def read_bytes(path: Path, largest: int) -> bytes:
     """Return the content of a regular file of at most `largest` bytes.
 
+    Raises
+    ------
+    InputError
+        As :func:`opened`.
+    """
+    with opened(path, largest) as file:
+        content = file.read(largest + 1)
+    if len(content) > largest:
+        raise InputError(f"{path}: larger than {largest} bytes")
+    return content
+
+
+@contextmanager
+def opened(path: Path, largest: int | None = None) -> Iterator[BinaryIO]:
+    """Open a regular file to be read.
+
     Whatever else has the name (a pipe, a device, a folder) is refused and not waited for.
 
     Raises
     ------
     InputError
-        When it is larger, no regular file, or cannot be read.
+        When it is larger than `largest` bytes, no regular file, or cannot be read.
     """
     try:
         with open(path, "rb", opener=_at_once) as file:
-            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            found = os.fstat(file.fileno())
+            if not stat.S_ISREG(found.st_mode):
                 raise InputError(f"{path}: no regular file; save it as one")
-            content = file.read(largest + 1)
+            if largest is not None and found.st_size > largest:
+                raise InputError(f"{path}: larger than {largest} bytes")
+            yield file
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise InputError(f"{path}: cannot be read ({reason})") from error
-    if len(content) > largest:
-        raise InputError(f"{path}: larger than {largest} bytes")
-    return content
 
 
 def _at_once(path: str, flags: int) -> int:
