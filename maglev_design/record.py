@@ -49,7 +49,7 @@ PACKAGES = ("casadi", "control", "cvxpy", "numpy", "scipy", "sympy")
 CERTIFICATE_FIELDS = ("loop", "certified", "status", "decay", "largest_beta_error", "solver")
 SAME_POLES = 1e-6
 """Relative: poles that were computed from given gains are the roots of a polynomial."""
-LARGEST_RECORD = 50_000_000
+LARGEST_RECORD = 10_000_000
 """[bytes]"""
 
 Curves = Mapping[str, NDArray[np.float64]]
