@@ -34,7 +34,7 @@ class Floor:
 FLOORS = (
     Floor(
         "ground",
-        ("errors", "options", "figures", "files", "arrays", "interrupt", "tools"),
+        ("errors", "options", "figures", "files", "arrays", "cache", "interrupt", "tools"),
         "the words a user may choose from, the figures that are told, files that are whole, the "
         "arrays in them, the cache folder, Ctrl-C, other programs run with a limit of time",
         open=True,

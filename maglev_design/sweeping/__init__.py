@@ -93,7 +93,7 @@ def make_setup(
         uncertain = "input_noise" in spreads or "position_noise" in spreads
         noise = uncertain or rig.noise.input > 0 or rig.noise.position > 0
     if backend == "auto":
-        backend = "compiled" if compiled.compiler() else "interpreted"
+        backend = "compiled" if compiled.usable() else "interpreted"
     if chunk is None:
         chunk = COMPILED_CHUNK if backend == "compiled" else INTERPRETED_CHUNK
     return Setup(rig, designs, samples, seed, sampling, chunk, noise, backend)
