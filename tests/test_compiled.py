@@ -286,10 +286,8 @@ def a_compiler_of(tmp_path: Path, text: str) -> str:
     """Return a compiler that compiles another text than it is given."""
     other = tmp_path / "other.c"
     other.write_text(text)
-    given = (
-        f'for a; do case "$a" in *.c) set -- "$@" {other};; *) set -- "$@" "$a";; esac; shift; done'
-    )
-    return str(wrapper(tmp_path, given + '; exec {real} "$@"').path)
+    given = f'case "$a" in *.c) set -- "$@" {other};; *) set -- "$@" "$a";; esac; shift'
+    return str(wrapper(tmp_path, f'for a; do {given}; done; exec {{real}} "$@"').path)
 
 
 def a_compiler_that_forgets_run(tmp_path: Path) -> str:
@@ -350,6 +348,8 @@ def test_what_hangs_is_given_up(
 ) -> None:
     endless = "void run(void) { for (;;) { } }\n"
     sleep = 'case "$*" in *-shared*) sleep 60;; esac'
+    monkeypatch.delenv("CC")
+    forget()
     body = wrapper(tmp_path, sleep).path if slow == "the compiler" else None
     monkeypatch.setenv("CC", str(body or a_compiler_of(tmp_path, endless)))
     monkeypatch.setattr(compiled, "LONGEST_COMPILATION", 1.0 if body else 60.0)

@@ -108,7 +108,9 @@ def _machine() -> str:
 
     def ask() -> str:
         questions = (("-march=native", "-Q", "--help=target"), ("--version",))
-        answers = [call((*words, *question)).stdout for question in questions]
+        answers = [
+            call((*words, *question), seconds=LONGEST_TRIAL).stdout for question in questions
+        ]
         return "\n".join((platform.machine(), *answers, " ".join(FLAGS)))
 
     files = [Path(path).stat() for word in words if (path := shutil.which(word))]
