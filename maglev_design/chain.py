@@ -403,14 +403,17 @@ def export(
     return export_folder(record, target, Path(folder), force=force, **how)
 
 
-def verify(folder: str | Path, progress: Progress = _silent) -> Verdict:
-    """Build an exported folder, run it, and compare it with the design that it came from.
+def verify(
+    folder: str | Path, progress: Progress = _silent, *, run_untrusted: bool = False
+) -> Verdict:
+    """Print an exported folder again, compare, build it, run it, and recompute its promises.
 
-    What lies in the folder is compiled and run.
+    As :func:`maglev_design.exporting.verify_folder`: nothing that lies in the folder is run unless
+    `run_untrusted`.
     """
     from maglev_design.exporting import verify_folder  # noqa: PLC0415
 
-    return verify_folder(Path(folder), progress)
+    return verify_folder(Path(folder), progress, run_untrusted=run_untrusted)
 
 
 def report(

@@ -10,11 +10,9 @@ import copy
 import io
 import math
 import platform
-import zipfile
-import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design import __version__
+from maglev_design.arrays import arrays_sha256, read_arrays
 from maglev_design.controller.data import design_as_data, design_from_data
 from maglev_design.controller.design import (
     Design,
@@ -50,7 +49,7 @@ PACKAGES = ("casadi", "control", "cvxpy", "numpy", "scipy", "sympy")
 CERTIFICATE_FIELDS = ("loop", "certified", "status", "decay", "largest_beta_error", "solver")
 SAME_POLES = 1e-6
 """Relative: poles that were computed from given gains are the roots of a polynomial."""
-LARGEST_RECORD = 50_000_000
+LARGEST_RECORD = 10_000_000
 """[bytes]"""
 
 Curves = Mapping[str, NDArray[np.float64]]
@@ -69,7 +68,8 @@ class DesignRecord:
     document : dict
         The whole of ``design.json``.
     curves : mapping of str to array
-        What the plots show; empty when read back without ``design.npz``.
+        What the plots show; empty when read back without ``design.npz``, which is read and
+        compared with the hash in `document` when they are looked at.
     """
 
     rig: Rig
@@ -189,6 +189,7 @@ def make_record(
         document["pareto"] = trade_off.as_dicts()
         curves |= {f"pareto_{name}": column for name, column in vars(trade_off).items()}
         curves["pareto_front"] = trade_off.front.astype(float)
+    document["curves_sha256"] = arrays_sha256(curves)
     return DesignRecord(rig, design, finite(document), curves)
 
 
@@ -293,18 +294,47 @@ def load(path: str | Path) -> DesignRecord:
         _check_numbers(rig, design, document, path)
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise InputError(f"{path}: damaged: {type(error).__name__} at {error}") from error
-    return DesignRecord(rig, design, document, _read_curves(path.with_suffix(".npz")))
+    curves = path.with_suffix(".npz")
+    stored = _StoredCurves(curves, document.get("curves_sha256")) if curves.exists() else {}
+    return DesignRecord(rig, design, document, stored)
 
 
-def _read_curves(path: Path) -> Curves:
-    """Return the arrays of ``design.npz``, none when there is no such file."""
-    if not path.exists():
-        return {}
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
-        raise InputError(f"{path}: damaged, not the curves of a design record") from error
+class _StoredCurves(Mapping[str, NDArray[np.float64]]):
+    """The arrays of a ``design.npz``, read when they are first looked at.
+
+    Raises
+    ------
+    InputError
+        There, when the file is damaged or not that of the record beside it.
+    """
+
+    def __init__(self, path: Path, sha256: object) -> None:
+        self._path, self._sha256 = path, sha256
+
+    @cached_property
+    def _arrays(self) -> Curves:
+        if self._sha256 is None:
+            raise InputError(
+                f"{self._path}: the design.json beside it, of an earlier version, does not say "
+                "which curves are its own; make the record anew, or take this file away to go "
+                "without curves"
+            )
+        found = read_arrays(self._path)
+        if arrays_sha256(found) != self._sha256:
+            raise InputError(
+                f"{self._path}: not the curves of the design.json beside it; put them back, make "
+                "the record anew, or take this file away to go without curves"
+            )
+        return found
+
+    def __getitem__(self, name: str) -> NDArray[np.float64]:
+        return self._arrays[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._arrays)
+
+    def __len__(self) -> int:
+        return len(self._arrays)
 
 
 def _check_numbers(rig: Rig, design: Design, document: Mapping[str, Any], path: Path) -> None:

@@ -34,9 +34,9 @@ class Floor:
 FLOORS = (
     Floor(
         "ground",
-        ("errors", "options", "figures", "files", "interrupt"),
+        ("errors", "options", "figures", "files", "arrays", "cache", "interrupt", "tools"),
         "the words a user may choose from, the figures that are told, files that are whole, the "
-        "cache folder, Ctrl-C",
+        "arrays in them, the cache folder, Ctrl-C, other programs run with a limit of time",
         open=True,
     ),
     Floor(

@@ -345,11 +345,11 @@ def lanes_of(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], None]]
 
     def wide(count: int) -> None:
         monkeypatch.setattr(lanes, "LANES", count)
-        compiled.kernel.cache_clear()
+        compiled.looked_for.cache_clear()
 
     yield wide
     monkeypatch.undo()
-    compiled.kernel.cache_clear()
+    compiled.looked_for.cache_clear()
 
 
 @pytest.mark.parametrize("count", [1, 2, 8])

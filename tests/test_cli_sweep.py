@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -159,6 +160,17 @@ def test_any_scenario_is_found_again(
         assert (found.scenario.index, found.scenario.seed) == (quiet, 7)
         assert found.recorded is not None
         assert found.recorded["itae"] == itae
+    chunk = folder / "chunks" / f"{quiet // 8:06d}.npz"
+    shutil.copyfile(chunk, tmp_path / "kept.npz")
+    with np.load(chunk) as archive:
+        arrays = dict(archive)
+    np.savez(chunk, **{**arrays, "0_itae": 2 * arrays["0_itae"]})
+    with pytest.raises(InputError, match=r"chunk \d beside it is not the one"):
+        replayed(f"{folder / 'sweep.json'}:{quiet}")
+    shutil.copyfile(tmp_path / "kept.npz", chunk)
+    old = {key: value for key, value in document.items() if key != "chunks_sha256"}
+    (folder / "old.json").write_text(json.dumps(old), "utf-8")
+    assert replayed(f"{folder / 'old.json'}:{quiet}").recorded is None
     (folder / "chunks").rename(tmp_path / "moved")
     assert replayed(f"{folder / 'sweep.json'}:{quiet}").recorded is None
     assert "Sobol" in capsys.readouterr().err

@@ -23,6 +23,7 @@ from byhand import LAWS, SOME
 from numpy.typing import NDArray
 from rigs import SHORT, rig_with
 
+from maglev_design import cache
 from maglev_design.controller.design import Design, PoleSpec, make_design, plant_beta
 from maglev_design.options import METHODS
 from maglev_design.rig import Rig
@@ -49,7 +50,7 @@ def forget() -> None:
     """Make this process forget what it found and loaded, as if it had just started."""
     cached: list[Any] = [
         value
-        for module in (compiled, batches)
+        for module in (cache, compiled, batches)
         for value in vars(module).values()
         if hasattr(value, "cache_clear") and value.__module__ == module.__name__
     ]
@@ -192,6 +193,7 @@ def test_a_compiler_of_another_version_compiles_again(cc: Compiler, tmp_path: Pa
     assert cc.compilations == 2
 
 
+ANSWER = "void run(void) {}\nint answer(void) { return 42; }\n"
 RACER = """
 import sys, time
 from pathlib import Path
@@ -215,7 +217,7 @@ def test_processes_that_compile_the_same_at_once_all_succeed(tmp_path: Path) -> 
     environment = os.environ | {"CC": str(made.path), "MAGLEV_DESIGN_CACHE": str(cache)}
     script, text, gate = tmp_path / "racer.py", tmp_path / "text.c", tmp_path / "gate"
     script.write_text(RACER)
-    text.write_text("int answer(void) { return 42; }\n")
+    text.write_text(ANSWER)
     ready = [tmp_path / f"ready{n}" for n in range(3)]
     racers = [
         subprocess.Popen(  # noqa: S603 - our own interpreter and text
@@ -247,8 +249,8 @@ def test_a_library_is_the_same_wherever_it_is_made(cc: Compiler, tmp_path: Path)
     digests = set()
     for name in ("one", "two"):
         os.environ["MAGLEV_DESIGN_CACHE"] = str(tmp_path / name)
-        library = compiled.compile_library("int answer(void) { return 42; }\n")
-        assert library is not None
+        library = compiled.compile_library(ANSWER)
+        assert isinstance(library, Path)
         digests.add(compiled._digest(library))
     assert len(digests) == 1
 
@@ -268,8 +270,51 @@ def a_compiler_that_makes_nothing(tmp_path: Path) -> str:
     return str(wrapper(tmp_path, "exit 0").path)
 
 
+def half_a_quotation(_: Path) -> str:
+    return '"'
+
+
+def a_folder(tmp_path: Path) -> str:
+    return str(tmp_path)
+
+
+def a_compiler_whose_words_are_no_utf_8(tmp_path: Path) -> str:
+    return str(wrapper(tmp_path, "printf '\\377\\376\\n' >&2; exit 1").path)
+
+
+def a_compiler_of(tmp_path: Path, text: str) -> str:
+    """Return a compiler that compiles another text than it is given."""
+    other = tmp_path / "other.c"
+    other.write_text(text)
+    given = f'case "$a" in *.c) set -- "$@" {other};; *) set -- "$@" "$a";; esac; shift'
+    return str(wrapper(tmp_path, f'for a; do {given}; done; exec {{real}} "$@"').path)
+
+
+def a_compiler_that_forgets_run(tmp_path: Path) -> str:
+    return a_compiler_of(tmp_path, "int other(void) { return 0; }\n")
+
+
+def a_compiler_whose_code_crashes(tmp_path: Path) -> str:
+    return a_compiler_of(tmp_path, "#include <stdlib.h>\nvoid run(void) { abort(); }\n")
+
+
+def a_compiler_whose_code_exits(tmp_path: Path) -> str:
+    return a_compiler_of(tmp_path, "#include <stdlib.h>\nvoid run(void) { exit(3); }\n")
+
+
 @pytest.mark.parametrize(
-    "chosen", [no_compiler, a_compiler_that_fails, a_compiler_that_makes_nothing]
+    "chosen",
+    [
+        no_compiler,
+        half_a_quotation,
+        a_folder,
+        a_compiler_that_fails,
+        a_compiler_whose_words_are_no_utf_8,
+        a_compiler_that_makes_nothing,
+        a_compiler_that_forgets_run,
+        a_compiler_whose_code_crashes,
+        a_compiler_whose_code_exits,
+    ],
 )
 def test_without_a_compiler_loops_are_interpreted_and_that_is_said_once(
     chosen: Callable[[Path], str],
@@ -297,6 +342,35 @@ def test_without_a_compiler_loops_are_interpreted_and_that_is_said_once(
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.parametrize("slow", ["the compiler", "its code"])
+def test_what_hangs_is_given_up(
+    slow: str, cc: Compiler, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    endless = "void run(void) { for (;;) { } }\n"
+    sleep = 'case "$*" in *-shared*) sleep 60;; esac'
+    monkeypatch.delenv("CC")
+    forget()
+    body = wrapper(tmp_path, sleep).path if slow == "the compiler" else None
+    monkeypatch.setenv("CC", str(body or a_compiler_of(tmp_path, endless)))
+    monkeypatch.setattr(compiled, "LONGEST_COMPILATION", 1.0 if body else 60.0)
+    monkeypatch.setattr(compiled, "LONGEST_TRIAL", 1.0)
+    forget()
+    found = compiled.compile_library(ANSWER)
+    assert isinstance(found, str)
+    assert "no answer in 1 s" in found
+    assert not libraries(tmp_path)
+
+
+def test_a_sweep_is_interpreted_where_nothing_that_is_compiled_runs(
+    cc: Compiler, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert compiled.usable()
+    monkeypatch.setenv("CC", a_compiler_that_fails(tmp_path))
+    forget()
+    assert compiled.compiler() is not None
+    assert not compiled.usable()
+
+
 def test_asked_for_or_not_interpreting_says_nothing(
     cc: Compiler, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -318,7 +392,7 @@ def test_a_cache_that_cannot_be_written_costs_time_alone(
     assert [figure(), figure()] == [expected] * 2
     assert cc.compilations == 2, "compiled all the same, once"
     (note,) = capfd.readouterr().err.splitlines()
-    assert "cannot be kept" in note
+    assert "nothing is kept" in note
     assert "MAGLEV_DESIGN_CACHE" in note
 
 

@@ -11,7 +11,7 @@ from exported import EXACT, compiled, needs, run
 from maglev_design.controller.design import reference_path
 from maglev_design.exporting import export_folder
 from maglev_design.exporting.misra import DEVIATIONS
-from maglev_design.exporting.native import load_library
+from maglev_design.exporting.native import library
 from maglev_design.record import DesignRecord
 
 COMPILERS = ("gcc", "clang")
@@ -161,15 +161,16 @@ int main(void)
 
 
 def test_two_instances_do_not_disturb_each_other(folder: Path, tmp_path: Path) -> None:
-    library = load_library("gcc", copied(folder, tmp_path), "lev", tmp_path / "lev.so")
+    built = library("gcc", copied(folder, tmp_path), "lev", tmp_path / "lev.so")
     samples = [(0.0242 + 1e-5 * (k % 7), 0.0242, 0.0) for k in range(50)]
-    alone = library.controller()
-    expected = [alone.step(*sample) for sample in samples]
-    one, two = library.controller(), library.controller()
-    answers = []
-    for k, sample in enumerate(samples):
-        answers.append(one.step(*sample))
-        two.step(float("nan") if k % 2 else 0.02, 0.0242, 1.0)
+    with built.started() as new:
+        alone = new()
+        expected = [alone.step(*sample) for sample in samples]
+        one, two = new(), new()
+        answers = []
+        for k, sample in enumerate(samples):
+            answers.append(one.step(*sample))
+            two.step(float("nan") if k % 2 else 0.02, 0.0242, 1.0)
     assert answers == expected
 
 

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import os
+import stat
+import subprocess
 import sys
 from pathlib import Path
 
@@ -10,15 +12,15 @@ import pytest
 from maglev_design.errors import InputError
 from maglev_design.files import (
     MARK,
-    cache_folder,
     digest,
     finite,
     joint_hash,
-    kept,
+    output_file,
     output_folder,
+    read_bytes,
     read_document,
-    sources,
     write_bytes,
+    write_file,
 )
 
 
@@ -60,13 +62,41 @@ def test_a_document_is_read_as_a_table(tmp_path: Path) -> None:
         (b"\xff", "not valid JSON"),
         (b"[" * 90_000, "not valid JSON"),
         (b" " * 100_001, "larger than 100000 bytes"),
+        (b'{"a": ' * 900 + b"1" + b"}" * 900, "nested more than 32 deep"),
+        (b'{"a": NaN}', "not finite"),
+        (b'{"a": [1e999]}', "not finite"),
+        (b'{"a": "\\ud800"}', "half a character"),
+        (b'{"\\udfff": 1}', "half a character"),
+        (b"{" + b"".join(b'"%d":1,' % n for n in range(10_000)) + b'"9999":1}', "'9999' stands"),
+        (b'{"a": ' + b"9" * 5000 + b"}", "not valid JSON"),
     ],
-    ids=["list", "cut", "not text", "deep", "large"],
+    ids=lambda x: repr(x[:12]),
 )
 def test_what_is_no_document_is_refused(tmp_path: Path, content: bytes, message: str) -> None:
     (tmp_path / "a.json").write_bytes(content)
     with pytest.raises(InputError, match=message):
         read_document(tmp_path / "a.json", "a test", 100_000)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with names")
+def test_a_pipe_and_a_device_are_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", Path("/dev/zero"), tmp_path):
+        with pytest.raises(InputError):
+            read_bytes(path, 100)
+
+
+def test_a_file_of_just_the_largest_size_is_read(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"x" * 100)
+    assert read_bytes(tmp_path / "a", 100) == b"x" * 100
+    with pytest.raises(InputError, match="larger than 99 bytes"):
+        read_bytes(tmp_path / "a", 99)
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="a file without a size")
+def test_a_file_that_says_it_is_empty_is_read_to_the_largest_size() -> None:
+    with pytest.raises(InputError, match="larger than 10 bytes"):
+        read_bytes(Path("/proc/self/status"), 10)
 
 
 # --- files ---------------------------------------------------------------------------------
@@ -79,9 +109,104 @@ def test_a_written_file_holds_exactly_the_bytes(tmp_path: Path) -> None:
     assert names(tmp_path) == ["a.bin"]
 
 
-def test_a_written_file_can_be_read_by_others(tmp_path: Path) -> None:
-    write_bytes(tmp_path / "a", b"x")
-    assert (tmp_path / "a").stat().st_mode & 0o777 == 0o644
+@pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
+@pytest.mark.parametrize(("mask", "mode"), [(0o022, 0o644), (0o077, 0o600), (0o002, 0o664)])
+def test_a_written_file_can_be_read_by_whom_the_umask_allows(
+    tmp_path: Path, mask: int, mode: int
+) -> None:
+    before = os.umask(mask)
+    try:
+        write_bytes(tmp_path / "a", b"x")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "a").stat().st_mode & 0o777 == mode
+
+
+@pytest.mark.parametrize("leads", ["to a file", "nowhere"])
+def test_a_link_is_never_replaced(tmp_path: Path, leads: str) -> None:
+    if leads == "to a file":
+        (tmp_path / "target").write_bytes(b"old")
+    (tmp_path / "a").symlink_to(tmp_path / "target")
+    with pytest.raises(InputError, match="no regular file has that name"):
+        write_bytes(tmp_path / "a", b"new")
+    assert (tmp_path / "a").is_symlink()
+    assert leads == "nowhere" or (tmp_path / "target").read_bytes() == b"old"
+
+
+# --- a file that a user named --------------------------------------------------------------
+
+CSV = (".csv",)
+
+
+def test_a_file_that_exists_needs_force(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    write_file(path, b"one", CSV, force=False)
+    with pytest.raises(InputError, match=r"a\.csv: exists already; .*--force"):
+        write_file(path, b"two", CSV, force=False)
+    assert path.read_bytes() == b"one"
+    write_file(path, b"two", CSV, force=True)
+    assert path.read_bytes() == b"two"
+    assert names(tmp_path) == ["a.csv"]
+
+
+def test_the_ending_is_one_of_those_that_are_meant(tmp_path: Path) -> None:
+    assert output_file(tmp_path / "a.CSV", CSV, force=False) == ".csv"
+    for name in ("a", "a.toml", "design.json", ".csv"):
+        with pytest.raises(InputError, match=r"must end in \.csv"):
+            output_file(tmp_path / name, CSV, force=True)
+    (tmp_path / "b.csv").mkdir()
+    with pytest.raises(InputError, match="is a folder"):
+        output_file(tmp_path / "b.csv", CSV, force=True)
+    with pytest.raises(InputError):
+        write_file(tmp_path / "c\0.csv", b"", CSV, force=True)
+
+
+def test_with_force_the_file_behind_a_link_is_written_and_the_link_stays(tmp_path: Path) -> None:
+    target, link = tmp_path / "target", tmp_path / "a.csv"
+    link.symlink_to(target)
+    with pytest.raises(InputError, match="leads nowhere"):
+        write_file(link, b"new", CSV, force=True)
+    target.write_bytes(b"old")
+    with pytest.raises(InputError, match="exists already"):
+        write_file(link, b"new", CSV, force=False)
+    write_file(link, b"new", CSV, force=True)
+    assert link.is_symlink()
+    assert target.read_bytes() == b"new"
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with names")
+def test_what_is_no_regular_file_is_written_through(tmp_path: Path) -> None:
+    path = tmp_path / "pipe"
+    os.mkfifo(path)
+    with pytest.raises(InputError, match="cannot be written"):
+        write_file(path, b"nobody reads", CSV, force=False)
+    reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    write_file(path, b"somebody reads", CSV, force=False)
+    assert os.read(reader, 100) == b"somebody reads"
+    os.close(reader)
+    assert stat.S_ISFIFO(path.stat().st_mode)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a full device")
+def test_a_device_stays_one_and_its_failure_is_an_input_error() -> None:
+    write_file(Path("/dev/null"), b"x", CSV, force=False)
+    with pytest.raises(InputError, match="No space left"):
+        write_file(Path("/dev/full"), b"x", CSV, force=True)
+    assert all(stat.S_ISCHR(Path(f"/dev/{name}").stat().st_mode) for name in ("null", "full"))
+
+
+def test_where_our_own_output_goes_is_written_behind_it(tmp_path: Path) -> None:
+    path = tmp_path / "out"
+    text = (
+        "import sys; from pathlib import Path; from maglev_design.files import write_file; "
+        "print('first'); write_file(Path(sys.argv[1]), b'second', ('.csv',), force=False); "
+        "print('third')"
+    )
+    with path.open("wb") as file:
+        subprocess.run(  # noqa: S603 - our own interpreter and text
+            [sys.executable, "-c", text, str(path)], stdout=file, check=True
+        )
+    assert path.read_bytes().split() == [b"first", b"secondthird"]
 
 
 def test_writing_replaces_the_whole_file(tmp_path: Path) -> None:
@@ -185,75 +310,6 @@ def test_a_folder_without_permission_is_refused(tmp_path: Path) -> None:
         output_folder(locked, force=False)
 
 
-# --- the cache folder: what is kept there is whole, or is made again ----------------------
-
-
-class Counted:
-    """Something to make, and how often it was made."""
-
-    def __init__(self, text: str = "made\nof λ lines\n") -> None:
-        self.text, self.count = text, 0
-
-    def __call__(self) -> str:
-        self.count += 1
-        return self.text
-
-
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("MAGLEV_DESIGN_CACHE", str(tmp_path / "cache"))
-    return tmp_path / "cache"
-
-
-def test_a_text_is_made_once_and_alone_in_its_folder(folder: Path) -> None:
-    made = Counted()
-    assert [kept("texts", "key", made, str) for _ in range(3)] == [made.text] * 3
-    assert made.count == 1
-    assert [p.name for p in (folder / "texts").iterdir()] == ["key"]
-
-
-@pytest.mark.parametrize("damage", ["cut", "bit", "empty", "proof", "bytes", "folder"])
-def test_a_damaged_entry_is_made_anew(damage: str, folder: Path) -> None:
-    made = Counted()
-    kept("texts", "key", made, str)
-    path = folder / "texts" / "key"
-    whole = path.read_bytes()
-    if damage == "folder":
-        path.unlink()
-        path.mkdir()
-    else:
-        path.write_bytes(
-            {
-                "cut": whole[:-1],
-                "bit": whole[:-1] + bytes([whole[-1] ^ 1]),
-                "empty": b"",
-                "proof": b"x" + whole[1:],
-                "bytes": joint_hash(b"\xff").encode() + b"\n\xff",
-            }[damage]
-        )
-    assert kept("texts", "key", made, str) == made.text
-    assert made.count == 2
-    if damage != "folder":
-        assert path.read_bytes() == whole
-
-
-def test_an_entry_that_cannot_be_read_as_what_is_wanted_is_made_anew(folder: Path) -> None:
-    assert kept("numbers", "key", Counted("none"), str) == "none"
-    made = Counted("7")
-    assert kept("numbers", "key", made, int) == 7
-    assert kept("numbers", "key", Counted("8"), int) == 7
-
-
-def test_a_folder_that_cannot_be_made_costs_time_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "file").write_text("not a folder")
-    monkeypatch.setenv("MAGLEV_DESIGN_CACHE", str(tmp_path / "file" / "cache"))
-    made = Counted()
-    assert [kept("texts", "key", made, str) for _ in range(2)] == [made.text] * 2
-    assert made.count == 2
-
-
 def test_a_hash_tells_where_one_part_ends() -> None:
     assert (
         len(
@@ -267,23 +323,3 @@ def test_a_hash_tells_where_one_part_ends() -> None:
         == 4
     )
     assert joint_hash("λ") == joint_hash("λ".encode())
-
-
-def test_sources_are_read_in_one_order(tmp_path: Path) -> None:
-    for name in ("b.py", "a.py", "c.txt"):
-        (tmp_path / name).write_text(name)
-    assert sources(tmp_path, tmp_path / "c.txt") == (b"a.py", b"b.py", b"c.txt")
-
-
-def test_the_cache_folder_can_be_chosen(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("MAGLEV_DESIGN_CACHE", str(tmp_path / "here"))
-    assert cache_folder() == tmp_path / "here"
-    monkeypatch.delenv("MAGLEV_DESIGN_CACHE")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
-    assert cache_folder() == tmp_path / "xdg" / "maglev-design"
-    monkeypatch.delenv("XDG_CACHE_HOME")
-    monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.setenv("HOME", str(tmp_path))
-    assert cache_folder() == tmp_path / ".cache" / "maglev-design"
-    monkeypatch.setattr(sys, "platform", "darwin")
-    assert cache_folder() == tmp_path / "Library" / "Caches" / "maglev-design"

@@ -3,7 +3,9 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -171,7 +173,7 @@ def test_one_changed_digit_is_noticed_anywhere(saved: Path) -> None:
         except ValueError:
             pass
         saved.write_bytes(bytes(damaged))
-        refused(saved, "sha256|schema_version|not valid JSON")
+        refused(saved, "sha256|schema_version|not valid JSON|stands twice")
 
 
 def test_one_flipped_bit_never_passes_as_something_else(record: DesignRecord, saved: Path) -> None:
@@ -336,5 +338,26 @@ def test_damaged_curves_are_an_input_error_that_names_their_file(saved: Path, da
             "flipped": bytes(content),
         }[damage]
     )
+    record = load(saved)  # nobody has looked at them
     with pytest.raises(InputError, match=r"design\.npz"):
-        load(saved)
+        dict(record.curves)
+
+
+def test_the_curves_of_another_design_are_refused(saved: Path, tmp_path: Path) -> None:
+    own = load(saved)
+    other = tmp_path / "other"
+    other.mkdir()
+    save(replace(own, curves={**own.curves, "times": 2 * own.curves["times"]}), other)
+    shutil.copyfile(other / "design.npz", saved.with_suffix(".npz"))
+    record = load(saved)
+    for look in (len, list, lambda curves: curves["times"], bool):
+        with pytest.raises(InputError, match=r"design\.npz: not the curves of the design\.json"):
+            look(record.curves)
+
+
+def test_curves_that_no_record_names_are_refused_with_the_remedy(saved: Path) -> None:
+    rewritten(saved, lambda document: document.pop("curves_sha256"))
+    with pytest.raises(InputError, match=r"design\.npz: .* of an earlier version"):
+        dict(load(saved).curves)
+    saved.with_suffix(".npz").unlink()
+    assert dict(load(saved).curves) == {}

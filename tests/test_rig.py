@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import errno
 import math
+import os
+import time
 from pathlib import Path
 from typing import Any
 
@@ -410,7 +412,7 @@ def test_a_file_without_permission_is_refused(
 
     path = tmp_path / "rig.toml"
     path.write_text(toml(SHORT), encoding="utf-8")
-    monkeypatch.setattr(Path, "open", denied)  # chmod would not stop root
+    monkeypatch.setattr(os, "open", denied)  # chmod would not stop root
     assert file_refusal(path) == f"{path}: cannot be read (Permission denied)"
 
 
@@ -423,16 +425,62 @@ def test_a_file_behind_a_file_is_refused(tmp_path: Path) -> None:
 def test_a_huge_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     path.write_bytes(b"#" * (LARGEST_RIG_FILE + 1))
-    assert "not a rig file" in file_refusal(path)
+    assert "larger than 1000000 bytes" in file_refusal(path)
 
 
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="needs an endless file")
+@pytest.mark.parametrize(
+    "key",
+    [
+        "a." * 15 + "a",
+        ".".join(f'"{n}"' for n in range(16)),
+        " . ".join(["x"] * 400_000),
+        "a." * 499_000 + "a",
+    ],
+    ids=lambda key: key[:8],
+)
+@pytest.mark.parametrize("place", ["{} = 1", "[{}]", "plant = {{ {} = 1 }}"])
+def test_a_key_of_many_parts_is_refused_at_once(key: str, place: str) -> None:
+    begun = time.monotonic()
+    with pytest.raises(InputError, match="a key of 16 parts or more"):
+        parse_rig(place.format(key), "rig.toml")
+    assert time.monotonic() - begun < 5
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a" * 1_000_000,
+        "'" * 1_000_000,
+        '"' * 1_000_000,
+        "a " * 500_000,
+        "a = [" * 200_000,
+        "a = " + "[" * 900_000,
+        "a = {b = " * 100_000,
+        "[a]\n" * 250_000,
+        "a.b = 1\n" * 100_000,
+        "[[a]]\n" * 160_000,
+        "a = '" + "x." * 400_000 + "'",
+        "a = 1" + "_1" * 400_000,
+        'a = """' + "\\n" * 400_000 + '"""',
+        "".join(f"a{n} = 1\n" for n in range(80_000)),
+        "".join(f"[a.b{n}]\n" for n in range(80_000)),
+    ],
+    ids=lambda text: text[:12],
+)
+def test_no_file_takes_long_to_refuse(text: str) -> None:
+    begun = time.monotonic()
+    with pytest.raises(InputError):
+        parse_rig(text, "rig.toml")
+    assert time.monotonic() - begun < 20
+
+
 def test_an_endless_file_is_refused() -> None:
-    assert "not a rig file" in file_refusal(Path("/dev/zero"))
+    assert "no regular file" in file_refusal(Path("/dev/zero"))
 
 
 def test_a_name_that_no_file_has_is_refused() -> None:
-    assert "not a file name" in file_refusal("a\0b.toml")
+    assert "cannot be read" in file_refusal("a\0b.toml")
     assert "no preset named" in file_refusal("a\0b")
     assert "no preset named" in file_refusal("x" * 300)
 

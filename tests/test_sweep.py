@@ -412,11 +412,21 @@ def test_ctrl_c_waits_for_the_end_of_a_chunk_unless_it_is_pressed_again(
     assert signal.getsignal(signal.SIGINT) is before
 
 
+def listed(data: bytes, place: int, value: int) -> bytes:
+    """Return an archive with another number at a place of every entry of its directory."""
+    first, *entries = data.split(b"PK\1\2")
+    changed = (e[: place - 4] + bytes([value]) + e[place - 3 :] for e in entries)
+    return b"PK\1\2".join([first, *changed])
+
+
 DAMAGE: dict[str, Callable[[bytes], bytes]] = {
     "cut short": lambda data: data[: len(data) // 2],
     "empty": lambda _: b"",
     "one bit": lambda data: data[:700] + bytes([data[700] ^ 1]) + data[701:],
     "something else": lambda _: b"PK\3\4 no archive",
+    "another compression": lambda data: listed(data, 10, 99),
+    "a version nobody reads": lambda data: listed(data, 6, 255),
+    "a password": lambda data: listed(data, 8, 1),
 }
 
 

@@ -4,8 +4,8 @@ import json
 import math
 import re
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from exported import needs
@@ -19,11 +19,13 @@ from maglev_design.exporting.controller import ExportedController, controller_of
 from maglev_design.exporting.folder import sha256
 from maglev_design.exporting.loops import ExportedRun, NewDevice, close, fault_cases, fly
 from maglev_design.exporting.printing import printed
+from maglev_design.exporting.running import Runnable
 from maglev_design.exporting.vectors import Recorder
 from maglev_design.files import digest
 from maglev_design.record import DesignRecord
 from maglev_design.simulation import nominal_scenario
 
+SAME = "every file as its design.json prints it"
 SAME_TRACK = 1e-9
 """[m] Runge-Kutta at half a period against DOP853, on a path of centimetres."""
 
@@ -56,12 +58,15 @@ def rehashed(folder: Path) -> None:
     (folder / "manifest.json").write_text(json.dumps(manifest), "ascii")
 
 
-def python_printing(controller: ExportedController) -> NewDevice:
-    """Return the class that the Python export defines."""
-    space: dict[str, Any] = {"__name__": "maglev"}
-    exec(printed(controller, "python", 0)["maglev.py"], space)  # noqa: S102 - our own print
-    new: NewDevice = space["Controller"]
-    return new
+@pytest.fixture(scope="module")
+def device(
+    controller: ExportedController, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[NewDevice]:
+    """The class that the Python export defines, in a process of its own."""
+    source = tmp_path_factory.mktemp("own") / "maglev.py"
+    source.write_bytes(printed(controller, "python", 0)["maglev.py"])
+    with Runnable.python(source).started() as new:
+        yield new
 
 
 def failed(verdict: Verdict) -> set[str]:
@@ -153,8 +158,9 @@ def test_a_changed_law_is_found_by_running_it(copies: Path) -> None:
     assert count == 1
     (folder / "maglev.py").write_text(changed, "ascii")
     rehashed(folder)
-    found = failed(verify_folder(folder))
-    assert {"vectors, Python", "closed loop, nominal", "nan, infinities, edges"} <= found
+    assert failed(verify_folder(folder)) == {SAME}
+    found = failed(verify_folder(folder, run_untrusted=True))
+    assert {SAME, "vectors, Python", "closed loop, nominal", "nan, infinities, edges"} <= found
 
 
 def test_a_state_that_is_not_the_callers_own_is_found(copies: Path) -> None:
@@ -168,7 +174,7 @@ def test_a_state_that_is_not_the_callers_own_is_found(copies: Path) -> None:
     assert shared.count("seen") == 3
     (folder / "maglev.py").write_text(shared, "ascii")
     rehashed(folder)
-    assert "two controllers in turns" in failed(verify_folder(folder))
+    assert "two controllers in turns" in failed(verify_folder(folder, run_untrusted=True))
 
 
 def test_vectors_of_another_design_are_found(copies: Path) -> None:
@@ -176,7 +182,10 @@ def test_vectors_of_another_design_are_found(copies: Path) -> None:
     lines = path.read_text("ascii").splitlines()
     path.write_text("\n".join(lines[:-3]) + "\n", "ascii")
     rehashed(copies / "python")
-    assert failed(verify_folder(copies / "python")) == {"vectors are those of the simulation"}
+    verdict = verify_folder(copies / "python")
+    assert failed(verdict) == {SAME}
+    assert "vectors.csv" in verdict.checks[0].note
+    assert failed(verify_folder(copies / "python", run_untrusted=True)) == {SAME}
 
 
 def test_a_controller_that_passes_a_nan_on_is_found(controller: ExportedController) -> None:
@@ -197,9 +206,8 @@ def test_a_controller_that_passes_a_nan_on_is_found(controller: ExportedControll
 
 
 def test_a_delay_that_the_loop_does_not_stand_is_not_promised(
-    controller: ExportedController,
+    controller: ExportedController, device: NewDevice
 ) -> None:
-    device = python_printing(controller)
     margin = controller.record.document["margins"]["delay_s"]
     plant = margin["gap"], controller.record.design.beta_at(margin["ratio"]), 0.0
     assert longest_delay(controller, device, margin["value"], *plant).passed

@@ -61,6 +61,7 @@ Seed = Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed of the noise
 Force = Annotated[
     bool, typer.Option("--force", help="Write into a folder that this program did not make.")
 ]
+Overwrite = Annotated[bool, typer.Option("--force", help="Write over a file that exists.")]
 Json = Annotated[
     bool, typer.Option("--json", help="Print one JSON document and nothing else on stdout.")
 ]

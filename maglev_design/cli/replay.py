@@ -79,7 +79,7 @@ def replayed(text: str) -> Replayed:
         sweeps.scenario(setup, plants, 0),
         position,
         {name: float(column[0]) for name, column in plants.drawn.items()},
-        _recorded(setup, path.parent, position, k),
+        _recorded(setup, path, position, k, document),
     )
 
 
@@ -111,11 +111,31 @@ def difference(found: Replayed, response: Response) -> float | None:
     return worst if crashed == metrics.crashed else math.inf
 
 
-def _recorded(setup: sweeps.Setup, folder: Path, position: int, k: int) -> dict[str, float] | None:
+def _recorded(
+    setup: sweeps.Setup, path: Path, position: int, k: int, document: dict[str, Any]
+) -> dict[str, float] | None:
+    """Return what the chunk beside a file holds of a scenario; None where there is none.
+
+    A ``sweep.json`` says which chunks are its own; one of an earlier version does not, and has
+    none. A ``setup.json`` is there before they are.
+    """
+    number = k // setup.chunk
     try:
-        return sweeps.recorded(setup, folder, position, k)
+        found = sweeps.chunk_sha256(path.parent, number)
+        figures = sweeps.recorded(setup, path.parent, position, k)
     except InputError:  # moved away, or not computed yet
         return None
+    if "setup" not in document:
+        return figures
+    told = document.get("chunks_sha256")
+    if not isinstance(told, list):
+        return None
+    if len(told) != setup.chunks or found != told[number]:
+        raise InputError(
+            f"{path}: chunk {number} beside it is not the one that it was made from; run the "
+            "sweep again"
+        )
+    return figures
 
 
 def _parsed(text: str) -> tuple[Path, int, int]:

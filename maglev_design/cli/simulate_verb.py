@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from dataclasses import fields
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,30 +14,36 @@ from maglev_design.cli.output import number, print_json, say, shown, table, warn
 from maglev_design.cli.simulate_setup import PLANT_MOVES, SimulationSetup, set_up
 from maglev_design.errors import InputError
 from maglev_design.figures import DESCRIBED, EXTREMES, INDICES
-from maglev_design.files import write_bytes
+from maglev_design.files import output_file, write_file
 from maglev_design.simulation import Response, StatedErrors, loop_for, respond, stated_errors
 from maglev_design.simulation import simulate as run_loop
 
 if TYPE_CHECKING:
     from maglev_design.cli.commands.simulate import SimulateOptions
 
-OF_A_REPLAY = ("seed", "replay", "csv", "plot", "json")
+OF_A_REPLAY = ("seed", "replay", "csv", "plot", "force", "json")
 """What may stand beside --replay."""
+CSV = (".csv", ".txt")
+"""Endings of comma-separated values."""
+PLOTS = (".png", ".svg", ".pdf")
+"""Endings of figures."""
 
 
 def simulate(options: SimulateOptions) -> None:
     """Run the loop, print its figures, write what was asked for."""
+    for path, endings in ((options.csv, CSV), (options.plot, PLOTS)):
+        if path is not None:
+            output_file(path, endings, force=options.force)
     if options.replay is not None:
         _replay(options)
         return
     run = set_up(options)
     response, stated = _stated(run)
-    _write(run, response, options)
     if options.json:
         print_json(_document(run, response, stated))
-        return
-    _print(run, response, stated)
-    _tell(response, options)
+    else:
+        _print(run, response, stated)
+    _write(run, response, options)
 
 
 def _stated(run: SimulationSetup) -> tuple[Response, StatedErrors]:
@@ -63,7 +68,6 @@ def _replay(options: SimulateOptions) -> None:
     run = SimulationSetup(rig, design, scenario, ratio, PLANT_MOVES)
     response = run_loop(loop_for(rig, design), design, scenario)
     _, stated = _stated(run)
-    _write(run, response, options)
     off = difference(found, response)
     if options.json:
         print_json(_document(run, response, stated) | {"replay": found.as_dict(off)})
@@ -71,7 +75,7 @@ def _replay(options: SimulateOptions) -> None:
         _print(run, response, stated)
         drawn = ", ".join(f"{name} = {value:.6g}" for name, value in found.drawn.items())
         sys.stdout.write(f"Scenario {scenario.index}, seed {scenario.seed}: {drawn or 'as is'}.\n")
-        _tell(response, options)
+    _write(run, response, options)
     if off is None:
         say("the sweep's own figures of this scenario are not there to compare with")
     elif off > TOLERANCE:
@@ -108,21 +112,19 @@ def _document(run: SimulationSetup, response: Response, stated: StatedErrors) ->
 
 
 def _write(run: SimulationSetup, response: Response, options: SimulateOptions) -> None:
-    if options.csv is not None:
-        write_bytes(options.csv, _csv(response).encode())
-    if options.plot is not None:
-        _plot(response, f"{run.rig.name}, ratio {run.ratio:g}", options.plot)
-
-
-def _tell(response: Response, options: SimulateOptions) -> None:
-    """Say what a person must not miss, and what was written."""
+    """Say what a person must not miss, write what was asked for, and say so."""
     crash = response.metrics.crash
-    if crash is not None:
+    if crash is not None and not options.json:
         end = "hit the magnet" if crash.where == "magnet" else "dropped"
         warn(f"the ball {end} at t = {crash.time:.4g} s; the metrics count it lying there")
-    for path in (options.csv, options.plot):
-        if path is not None:
-            say(f"written: {path}")
+    if options.csv is not None:
+        write_file(options.csv, _csv(response).encode(), CSV, force=options.force)
+        say(f"written: {options.csv}")
+    if options.plot is not None:
+        ending = options.plot.suffix.lower()
+        drawn = _plot(response, f"{run.rig.name}, ratio {run.ratio:g}", ending)
+        write_file(options.plot, drawn, PLOTS, force=options.force)
+        say(f"written: {options.plot}")
 
 
 def _print(run: SimulationSetup, response: Response, stated: StatedErrors) -> None:
@@ -151,11 +153,11 @@ def _csv(response: Response) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _plot(response: Response, title: str, path: Path) -> None:
+def _plot(response: Response, title: str, ending: str) -> bytes:
     from maglev_design.reporting.plots.response import response_figure  # noqa: PLC0415
-    from maglev_design.reporting.plots.style import house_style, save_figure  # noqa: PLC0415
+    from maglev_design.reporting.plots.style import figure_bytes, house_style  # noqa: PLC0415
 
     names = ("times", "gap", "reference", "commanded", "applied")
     curves: dict[str, Any] = {name: np.asarray(getattr(response, name)) for name in names}
     with house_style():
-        save_figure(response_figure(curves, title), path)
+        return figure_bytes(response_figure(curves, title), ending)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def verify(options: VerifyOptions) -> None:
     """Check the folder, print one table; exit 4 when a check fails."""
     with progress_bar() as progress:
-        verdict = verify_folder(options.folder, progress)
+        verdict = verify_folder(options.folder, progress, run_untrusted=options.run_untrusted)
     if options.json:
         print_json(
             {
@@ -44,6 +44,8 @@ def verify(options: VerifyOptions) -> None:
     failed = [check for check in verdict.checks if not check.passed]
     for check in failed:
         say(f"failed: {check.name}: {_found(check)}{f' ({check.note})' if check.note else ''}")
+    if failed and not verdict.ran:
+        say("nothing of it was run; export it again, or run it as it is with --run-untrusted")
     if failed:
         sys.exit(VerificationError.exit_code)
     say(f"all {len(verdict.checks)} checks passed")

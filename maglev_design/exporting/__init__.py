@@ -1,7 +1,7 @@
 """A saved design as a controller that stands alone, in Python, C or MATLAB, and its check.
 
-``export_folder`` prints, ``verify_folder`` builds what was printed, runs it and compares it with
-the design that it came from.
+``export_folder`` prints; ``verify_folder`` prints again, compares byte for byte, builds what it
+printed, runs it and holds it to the design that it came from.
 """
 
 from maglev_design.exporting.folder import Export, export_folder

@@ -12,7 +12,7 @@ from maglev_design.errors import VerificationError
 from maglev_design.exporting.classes import wrong_answers
 from maglev_design.exporting.controller import ExportedController
 from maglev_design.exporting.loops import ExportedRun, FaultCase, NewDevice, close, fault_cases, fly
-from maglev_design.exporting.native import compilers, load_library
+from maglev_design.exporting.native import compilers, library
 from maglev_design.exporting.verdict import Check
 from maglev_design.figures import DESCRIBED, INDICES
 from maglev_design.rig import MOST_DELAYED_PERIODS, make_rig
@@ -189,13 +189,13 @@ def single_precision(controller: ExportedController, new: NewDevice, work: Path)
     """Compare single precision with double, on the vectors and in closed loop."""
     compiler, n = compilers()[0], controller.numbers
     try:
-        library = load_library(compiler, work, controller.prefix, work / "single.so", single=True)
+        built = library(compiler, work, controller.prefix, work / "single.so", single=True)
     except VerificationError as error:
         return [Check("single precision compiles", False, 1, 0, note=str(error))]
-    wrong, answers = wrong_answers(controller, library.controller, exact=False)
-    runs = ExportedRun(new()), ExportedRun(library.controller())
-    crashed = [fly(controller, run) for run in runs]
-    double, single = runs
+    with built.started() as new_single:
+        wrong, answers = wrong_answers(controller, new_single, exact=False)
+        double, single = ExportedRun(new()), ExportedRun(new_single())
+        crashed = [fly(controller, run) for run in (double, single)]
     lost = crashed[1] and not crashed[0]
     volts = max(abs(a - b) for a, b in zip(double.voltages, single.voltages, strict=False))
     metres = max(abs(a - b) for a, b in zip(double.gaps, single.gaps, strict=False))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from maglev_design.controller import design as designs
 from maglev_design.errors import InputError
+from maglev_design.exporting.text import plain
 from maglev_design.lowering import Program
 from maglev_design.options import Controller
 from maglev_design.programs import (
@@ -264,7 +265,7 @@ def doubts(record: DesignRecord) -> tuple[str, ...]:
         found.append("The independent re-simulation of this design failed.")
     if not said["certified"]:
         found.append("This design has no stability certificate.")
-    broken = [c["name"] for c in document["constraints"] if not c["satisfied"]]
+    broken = [plain(str(c["name"])) for c in document["constraints"] if not c["satisfied"]]
     if document.get("status") == "judged" and broken:
         found.append(f"This controller breaks a limit: {', '.join(broken)}.")
     if document.get("status") in ("infeasible", "interrupted"):

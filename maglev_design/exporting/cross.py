@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design.errors import VerificationError
-from maglev_design.exporting.native import CORTEX_M4, OPTIMISED, WARNINGS, call
+from maglev_design.exporting.native import CORTEX_M4, OPTIMISED, WARNINGS
 from maglev_design.exporting.replayed import FIGURES, Rows, answer_type, defined
+from maglev_design.tools import call
 
 CROSS_COMPILER, EMULATOR = "arm-none-eabi-gcc", "qemu-system-arm"
 SHIFT = 8

@@ -12,6 +12,7 @@ import numpy as np
 
 from maglev_design.controller import design as designs
 from maglev_design.controller.timing import timing
+from maglev_design.errors import VerificationError
 from maglev_design.exporting.controller import ExportedController
 from maglev_design.simulation import Scenario, resimulate
 from maglev_design.simulation.grid import contact_gap
@@ -20,6 +21,8 @@ from maglev_design.simulation.scenario import held_voltage
 
 PIECES = 2
 """Runge-Kutta steps between two changes of the voltage."""
+LARGEST_VOLTAGE = 1e6
+"""[V] A larger answer, or a nan, is no voltage."""
 FEWEST = 400
 """Samples of a run, so that a fault can be got over before its end."""
 
@@ -73,12 +76,20 @@ class ExportedRun:
     waiting: float = math.nan
 
     def __call__(self, sample: Mapping[str, float]) -> tuple[float, float]:
-        """Answer one sample of :func:`maglev_design.simulation.resimulate`."""
+        """Answer one sample of :func:`maglev_design.simulation.resimulate`.
+
+        Raises
+        ------
+        VerificationError
+            When the device answers what is no voltage.
+        """
         k, gap = len(self.gaps), sample["y"]
         self.gaps.append(gap)
         self.errors.append(gap - sample["y_ref"])
         self.measured = self.fault(k, gap, self.measured)
         voltage = self.device.step(self.measured, sample["y_ref"], sample["acc_ref"])
+        if not abs(voltage) <= LARGEST_VOLTAGE:
+            raise VerificationError(f"sample {k}: the exported controller applies {voltage} V")
         applied = self.waiting if self.late(k) and k else voltage
         self.waiting = voltage
         self.voltages.append(applied)

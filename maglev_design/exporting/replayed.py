@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,8 @@ from numpy.typing import NDArray
 
 from maglev_design.errors import VerificationError
 from maglev_design.exporting.native import OPTIMISED, compile_c
+from maglev_design.exporting.running import INTERPRETER
+from maglev_design.tools import ToolAnswer, call
 
 MOST_EVENTS = 16000
 """What the emulated memory has room for; a folder of 1 ms has about 8000."""
@@ -72,20 +73,25 @@ def replay_here(
     Raises
     ------
     VerificationError
-        When it does not compile without a word.
+        When it does not compile without a word, or does not come to its end.
     """
     sources = [f"{prefix}.c", "cortex-replay.c", "plain-pid.c"]
     flags = (*OPTIMISED, "-shared", "-fPIC", *defined(prefix, precision))
     said = compile_c(compiler, work, sources, output, *flags)
     if said:
         raise VerificationError(f"{compiler} says: {said.splitlines()[0]}")
-    answers = np.zeros(len(events), answer_type(precision))
-    figures = np.zeros(len(FIGURES), "<u4")
-    places = [ctypes.c_void_p(rows.ctypes.data) for rows in (events, answers, figures)]
-    replay = ctypes.CDLL(str(output)).replay
-    replay.restype = None
-    replay(places[0], ctypes.c_uint32(len(events)), places[1], places[2])
-    return answers
+    kind = answer_type(precision)
+    asked, told, figures = (output.with_suffix(f".{name}") for name in ("asked", "told", "figures"))
+    asked.write_bytes(events.tobytes())
+    tables = (str(told), str(kind.itemsize * len(events)), str(figures), str(4 * len(FIGURES)))
+    done = call([*INTERPRETER, "replay", str(output), str(asked), str(len(events)), *tables], work)
+    if done.returncode != 0 or not told.is_file():
+        raise VerificationError(f"the replay on this machine did not come to its end{_why(done)}")
+    return np.frombuffer(told.read_bytes(), kind)
+
+
+def _why(done: ToolAnswer) -> str:
+    return f": {done.stderr.splitlines()[-1]}" if done.stderr else ""
 
 
 def differences(found: Rows, told: Rows) -> NDArray[np.bool_]:

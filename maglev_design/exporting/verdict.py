@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from maglev_design.exporting.loops import NewDevice
+from maglev_design.exporting.running import Runnable
 
 
 @dataclass(frozen=True)
@@ -69,8 +69,8 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Part:
-    """What one part of the verification found, and a way to make controllers where it runs."""
+    """What one part of the verification found, and what it built."""
 
     checks: tuple[Check, ...] = ()
     skipped: tuple[tuple[str, str], ...] = ()
-    new: NewDevice | None = None
+    built: Runnable | None = None

@@ -1,4 +1,4 @@
-"""An exported folder, checked: whole, built, run, compared, and run again with faults."""
+"""An exported folder, checked: printed again, compared, built, run, and run with faults."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ import shutil
 import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
+from maglev_design import __version__
+from maglev_design.errors import InputError, VerificationError
 from maglev_design.exporting.behaviour import (
     Progress,
     classes_of_arguments,
@@ -23,31 +25,47 @@ from maglev_design.exporting.behaviour import (
 from maglev_design.exporting.controller import ExportedController, controller_of
 from maglev_design.exporting.cortex import on_cortex_m4
 from maglev_design.exporting.emulation import on_the_emulated_rig
-from maglev_design.exporting.folder import read_manifest, sha256
-from maglev_design.exporting.loops import NewDevice
+from maglev_design.exporting.folder import MANIFEST, files_of, read_manifest, sha256
 from maglev_design.exporting.misra import DEVIATIONS
 from maglev_design.exporting.native import (
     COMPILERS,
     OPTIMISED,
     SANITIZED,
-    call,
     compile_c,
     compilers,
-    load_library,
+    library,
     sanitizes,
 )
 from maglev_design.exporting.printing import printed
 from maglev_design.exporting.promises import promises
-from maglev_design.exporting.vectors import record_vectors
+from maglev_design.exporting.running import Runnable
+from maglev_design.exporting.text import plain
 from maglev_design.exporting.verdict import Check, Part, Verdict
-from maglev_design.files import digest
-from maglev_design.record import load
+from maglev_design.files import digest, read_bytes
+from maglev_design.record import LARGEST_RECORD, load
+from maglev_design.tools import call
+
+DATA = ("design.json", "vectors.csv")
+"""What a folder is held to is never its own."""
 
 
-def verify_folder(folder: Path, progress: Progress | None = None) -> Verdict:
-    """Check an exported folder; nothing is written into it.
+def verify_folder(
+    folder: Path, progress: Progress | None = None, *, run_untrusted: bool = False
+) -> Verdict:
+    """Check an exported folder; nothing is written into it, and nothing that lies in it is run.
 
-    A folder that is not as it was written is not run: the first check fails and is the only one.
+    What runs is what this program prints from the folder's ``design.json``, once it is the same as
+    the folder byte for byte: built anew, elsewhere, in processes of its own. A folder that is not
+    the same is not run: the first check fails and is the only one.
+
+    Parameters
+    ----------
+    folder : Path
+    progress : callable, optional
+        Told the stage, and the share of it that is done.
+    run_untrusted : bool
+        Whether the files of a folder that is not the same are run nevertheless, with all that they
+        may do to this machine. The first check stays failed.
 
     Raises
     ------
@@ -56,77 +74,99 @@ def verify_folder(folder: Path, progress: Progress | None = None) -> Verdict:
     """
     report = progress or (lambda *_: None)
     manifest = read_manifest(folder)
-    whole = _whole(folder, manifest)
-    if not whole.passed:
-        return Verdict((whole,), (), "")
+    found = _read(folder, manifest)
+    changed = _changed(found, manifest)
+    if changed and not run_untrusted:
+        return Verdict((_same(changed, "changed since it was exported"),), (), "")
+    report("printed again", 0.05)
     controller = controller_of(load(folder / "design.json"), manifest["prefix"])
+    own = files_of(controller, manifest["target"])
+    names = sorted(own.keys() | found.keys())
+    other = [name for name in names if own.get(name) != found.get(name)]
+    if other and not run_untrusted:
+        return Verdict((_same(other, _unlike(manifest)),), (), "")
+    same = _same(other, f"{_unlike(manifest)}; run as it is")
+    run = found | {name: own[name] for name in DATA} if other else own
+    name = controller.record.design.sha256
     with tempfile.TemporaryDirectory() as place:
         work = Path(place)
-        for name in manifest["files"]:
-            shutil.copyfile(folder / name, work / name)
-        report("vectors", 0.1)
-        recorded = _recorded(controller, work)
-        report("the controller's own check", 0.2)
-        own = {"c": _c, "python": _python, "matlab": _matlab}[manifest["target"]](controller, work)
-        other = Part() if manifest["target"] == "python" else _printed_python(controller, work)
-        new = own.new or other.new
-        assert new is not None  # noqa: S101 - Python is always there
-        checks = [whole, _name(controller, manifest), recorded, *own.checks, *other.checks]
-        report("classes of arguments", 0.3)
-        checks += [classes_of_arguments(controller, new), interleaved(new, work)]
-        checks += closed_loops(controller, new, report)
-        checks += promises(controller, new, report)
-        checks += on_the_emulated_rig(controller, new, report)
-        if manifest["target"] == "c" and own.new is not None:
-            report("single precision", 0.9)
-            checks += single_precision(controller, new, work)
-    ran = manifest["target"] if own.new else "python"
-    name = controller.record.design.sha256
-    return Verdict(tuple(checks), own.skipped, ran, name, controller.doubts)
+        for file, content in run.items():
+            (work / file).write_bytes(content)
+        checks, skipped, ran = _ran(controller, manifest["target"], work, report)
+    return Verdict((same, *checks), skipped, ran, name, controller.doubts)
 
 
-def _whole(folder: Path, manifest: dict[str, Any]) -> Check:
-    """Compare every file with the manifest, and the manifest with its own digest."""
-    bad = [] if manifest.get("sha256") == digest(manifest, allow_nan=True) else ["manifest.json"]
+def _read(folder: Path, manifest: dict[str, Any]) -> dict[str, bytes]:
+    """Return the files that the manifest names, and itself; what cannot be read is left out."""
+    found = {}
+    for name in (*manifest["files"], MANIFEST):
+        with suppress(InputError):
+            found[name] = read_bytes(folder / name, LARGEST_RECORD)
+    return found
+
+
+def _changed(found: dict[str, bytes], manifest: dict[str, Any]) -> list[str]:
+    """Return the files that are not as the manifest has them, itself by its own digest."""
+    bad = [] if manifest.get("sha256") == digest(manifest, allow_nan=True) else [MANIFEST]
     for name, told in manifest["files"].items():
-        path = folder / name
-        if not path.is_file():
+        if name not in found:
             bad.append(f"{name} (missing)")
-        elif sha256(path.read_bytes()) != told:
+        elif sha256(found[name]) != told:
             bad.append(name)
-    note = f"changed since it was exported: {', '.join(bad)}" if bad else ""
-    return Check.below("every file as it was exported", len(bad), 0, "files", note)
+    return bad
 
 
-def _name(controller: ExportedController, manifest: dict[str, Any]) -> Check:
-    """Compare the controller and the constants that the manifest names with ``design.json``."""
-    constants = (*controller.law_constants, *controller.guard_constants)
-    told = {name: x["value"] for name, x in manifest["constants"].items()}
-    wrong = [c.name for c in constants if told.get(c.name) != c.value]
-    if manifest.get("controller_sha256") != controller.record.design.sha256:
-        wrong.append("controller_sha256")
-    note = ", ".join(wrong)
-    return Check.below("manifest names this controller", len(wrong), 0, "entries", note)
+def _unlike(manifest: dict[str, Any]) -> str:
+    """Return in words why a whole folder is not what this program prints."""
+    versions = manifest.get("versions")
+    printer = versions.get("exporter") if isinstance(versions, dict) else None
+    if printer == __version__:
+        return "not what its design.json prints"
+    return f"printed by version {plain(str(printer))}, this is {__version__}; export again; differs"
 
 
-def _recorded(controller: ExportedController, work: Path) -> Check:
-    """Record the vectors anew from the simulation and compare them line by line."""
-    fresh, _ = record_vectors(controller)
-    stored = (work / "vectors.csv").read_text("ascii").splitlines()
-    lines = fresh.splitlines()
-    wrong = sum(a != b for a, b in zip(lines, stored, strict=False)) + abs(len(lines) - len(stored))
-    return Check.below("vectors are those of the simulation", wrong, 0, "lines")
+def _same(other: list[str], why: str) -> Check:
+    note = f"{why}: {', '.join(other)}" if other else ""
+    return Check.below("every file as its design.json prints it", len(other), 0, "files", note)
+
+
+def _ran(
+    controller: ExportedController, target: str, work: Path, report: Progress
+) -> tuple[list[Check], tuple[tuple[str, str], ...], str]:
+    """Build and run what lies in `work`; return checks, what was skipped and which text ran."""
+    report("the controller's own check", 0.2)
+    own = {"c": _c, "python": _python, "matlab": _matlab}[target](controller, work)
+    checks, built = list(own.checks), own.built
+    if target != "python":
+        python = _printed_python(controller, work)
+        checks += python.checks
+        built = built or python.built
+    assert built is not None  # noqa: S101 - Python is always there
+    try:
+        with built.started() as new:
+            report("classes of arguments", 0.3)
+            checks += [classes_of_arguments(controller, new), interleaved(new, work)]
+            checks += closed_loops(controller, new, report)
+            checks += promises(controller, new, report)
+            checks += on_the_emulated_rig(controller, new, report)
+            if target == "c" and own.built is not None:
+                report("single precision", 0.9)
+                checks += single_precision(controller, new, work)
+    except VerificationError as error:
+        checks.append(Check("the exported controller answers", False, 1, 0, note=str(error)))
+    return checks, own.skipped, target if own.built else "python"
 
 
 def _replayed(name: str, command: list[str], work: Path) -> Check:
     """Run one of the exported checks, which prints how many rows differ."""
     done = call(command, work)
-    words = next((x.split() for x in done.stdout.splitlines() if x.startswith("rows ")), None)
+    words = re.search(r"^rows (\d{1,9}) differing (\d{1,9}) ", done.stdout, re.MULTILINE)
     if words is None:
         said = (done.stderr + done.stdout).strip().splitlines()
         return Check(name, False, math.inf, 0, "rows", said[0] if said else "it said nothing")
-    passed = done.returncode == 0 and int(words[1]) > 0 and int(words[3]) == 0
-    return Check(name, passed, int(words[3]), 0, "rows", f"of {words[1]}")
+    rows, differing = map(int, words.groups())
+    passed = done.returncode == 0 and rows > 0 and differing == 0
+    return Check(name, passed, differing, 0, "rows", f"of {rows}")
 
 
 def _c(controller: ExportedController, work: Path) -> Part:
@@ -141,8 +181,7 @@ def _c(controller: ExportedController, work: Path) -> Part:
     skipped = tuple(reason for part in parts for reason in part.skipped)
     if not compilers() or any(not check.passed for check in checks):
         return Part(checks, skipped)
-    library = load_library(compilers()[0], work, prefix, work / "double.so")
-    return Part(checks, skipped, library.controller)
+    return Part(checks, skipped, library(compilers()[0], work, prefix, work / "double.so"))
 
 
 def _built(prefix: str, work: Path) -> Part:
@@ -231,7 +270,7 @@ def _python(controller: ExportedController, work: Path) -> Part:
         _replayed("vectors, Python", [sys.executable, "-B", "check.py"], work),
         _example("example.py", [sys.executable, "-B", "example.py"], work),
     )
-    return Part(checks, (), python_device(work / f"{controller.prefix}.py"))
+    return Part(checks, (), Runnable.python(work / f"{controller.prefix}.py"))
 
 
 def _printed_python(controller: ExportedController, work: Path) -> Part:
@@ -243,15 +282,7 @@ def _printed_python(controller: ExportedController, work: Path) -> Part:
     shutil.copyfile(work / "vectors.csv", place / "vectors.csv")
     found = _python(controller, place)
     name = "vectors, the same design as Python"
-    return Part((replace(found.checks[0], name=name),), (), found.new)
-
-
-def python_device(path: Path) -> NewDevice:
-    """Return the class of an exported Python controller."""
-    module = ModuleType(path.stem)
-    exec(compile(path.read_bytes(), path.name, "exec"), module.__dict__)  # noqa: S102 - our own print, its digest checked
-    new: NewDevice = module.__dict__["Controller"]
-    return new
+    return Part((replace(found.checks[0], name=name),), (), found.built)
 
 
 def _matlab(controller: ExportedController, work: Path) -> Part:

@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from maglev_design import lowering, options
-from maglev_design.files import joint_hash, kept, sources
+from maglev_design.cache import kept, sources
+from maglev_design.files import joint_hash
 from maglev_design.lowering import Program
 from maglev_design.options import TAN_GPI, Controller, Equilibrium, Method
 

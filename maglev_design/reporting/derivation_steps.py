@@ -10,7 +10,8 @@ import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from maglev_design.files import joint_hash, kept, sources
+from maglev_design.cache import kept, sources
+from maglev_design.files import joint_hash
 from maglev_design.programs import fingerprint
 
 HERE = Path(__file__).parent

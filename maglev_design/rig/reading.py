@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from importlib import resources
 from pathlib import Path
@@ -10,12 +11,17 @@ from typing import Any
 from pydantic import ValidationError
 
 from maglev_design.errors import InputError, nearest
+from maglev_design.files import read_bytes
 from maglev_design.options import DEFAULT_PRESET
 from maglev_design.rig.faults import sentence
 from maglev_design.rig.model import Rig
 
 LARGEST_RIG_FILE = 1_000_000
 """[bytes] A rig is a page of text."""
+DEEPEST_KEY = 16
+"""Parts of a dotted key; reading longer ones takes time that grows with their square."""
+_PART = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
+DEEP_KEY = re.compile(rf"(?<![A-Za-z0-9_-]){_PART}(?:\.[ \t]*{_PART}){{{DEEPEST_KEY - 1}}}")
 
 
 def preset_names() -> tuple[str, ...]:
@@ -73,17 +79,9 @@ def load_rig(source: str | Path) -> Rig:
     if str(source) in preset_names() or not is_path:
         return parse_rig(preset_text(str(source)), str(source))
     try:
-        with path.open("rb") as file:
-            content = file.read(LARGEST_RIG_FILE + 1)
-        if len(content) > LARGEST_RIG_FILE:
-            raise InputError(f"{path}: larger than {LARGEST_RIG_FILE} bytes, not a rig file")
-        text = content.decode("utf-8-sig")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+        text = read_bytes(path, LARGEST_RIG_FILE).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not a text file in UTF-8") from error
-    except ValueError as error:
-        raise InputError(f"{str(path)!r}: not a file name ({error})") from error
     return parse_rig(text, str(path))
 
 
@@ -96,6 +94,8 @@ def _exists(path: Path) -> bool:
 
 def parse_rig(text: str, origin: str) -> Rig:
     """Return the rig written in TOML `text`; `origin` names it in errors."""
+    if DEEP_KEY.search(text):
+        raise InputError(f"{origin}: a key of {DEEPEST_KEY} parts or more is none of a rig")
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

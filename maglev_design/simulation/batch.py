@@ -92,10 +92,11 @@ def simulate_batch(
     found = None
     if backend != "interpreted":
         found = compiled.kernel(loop)
-        if found is None and backend == "compiled":
-            raise RuntimeError("no C compiler that works was found: set CC, or install gcc")
         if found is None:
-            _notice()
+            reason = str(compiled.looked_for(loop))
+            if backend == "compiled":
+                raise RuntimeError(f"no C compiler that works: {reason}; set CC, or install gcc")
+            _notice(reason)
     if found is None:
         own: Sequence[Sensitivities | None] = sensitivities or [None] * len(designs)
         return [
@@ -134,9 +135,9 @@ def respond(
 
 
 @cache
-def _notice() -> None:
-    """Say once that loops are interpreted."""
-    sys.stderr.write("note: no C compiler found; closed loops are interpreted, which is slower\n")
+def _notice(reason: str) -> None:
+    """Say once that loops are interpreted, and why."""
+    sys.stderr.write(f"note: {reason}; closed loops are interpreted, which is slower\n")
 
 
 def cores() -> int:

@@ -4,20 +4,18 @@ The step with its sensitivities and the increments of the metrics are printed in
 instruction (:mod:`maglev_design.simulation.printing`); ``kernel.c`` folds them over the horizon.
 The text is kept in the user's cache folder under the hash of what it was printed from. The system's
 compiler is run once for a text; what it made is kept under the hash of the text, the flags and the
-machine, and checked against its own hash before it is loaded. So a process that finds both imports
-neither SymPy nor CasADi and starts no compiler.
+machine once it has run in a process of its own, and checked against its own hash before it is
+loaded. So a process that finds both imports neither SymPy nor CasADi and starts no compiler.
 """
 
 from __future__ import annotations
 
-import atexit
 import ctypes
 import hashlib
 import os
 import platform
 import shlex
 import shutil
-import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
@@ -31,11 +29,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design import rig as rigs
+from maglev_design.cache import cache_folder, kept, sources
 from maglev_design.controller import design as designs
-from maglev_design.files import cache_folder, joint_hash, kept, sources
+from maglev_design.files import joint_hash
 from maglev_design.programs import fingerprint
 from maglev_design.simulation import lanes
 from maglev_design.simulation.grid import LoopGraph
+from maglev_design.tools import call
 
 Array = NDArray[np.float64]
 
@@ -50,6 +50,17 @@ FLAGS = (
     "-w",
 )
 """No fused products and no -ffast-math: the noise has the same bits in every back end."""
+SMALLEST = "void run(void) {}\n"
+"""What a compiler is tried with that nothing was compiled with yet."""
+TRIAL = """
+import ctypes, sys
+tables = [ctypes.create_string_buffer(1 << 22) for _ in range(9)]
+number = ctypes.c_int64
+ctypes.CDLL(sys.argv[1]).run(number(1), number(2), *tables[:7], ctypes.c_int(1), *tables[7:])
+"""
+"""Two periods of one block of loops of zeros."""
+LONGEST_COMPILATION, LONGEST_TRIAL = 120.0, 20.0
+"""[s]"""
 HERE = Path(__file__).parent
 SOURCES = (
     HERE,
@@ -67,7 +78,10 @@ def command() -> tuple[str, ...] | None:
 
     ``CC`` where it is set (``ccache gcc`` is two words), else cc, gcc or clang.
     """
-    wanted = shlex.split(os.environ.get("CC", ""))
+    try:
+        wanted = shlex.split(os.environ.get("CC", ""))
+    except ValueError:  # a quotation without an end
+        return None
     choices = [wanted] if wanted else [["cc"], ["gcc"], ["clang"]]
     return next(((path, *rest) for name, *rest in choices if (path := shutil.which(name))), None)
 
@@ -76,6 +90,12 @@ def compiler() -> str | None:
     """Return the path of the C compiler; None without one."""
     found = command()
     return found[0] if found else None
+
+
+@cache
+def usable() -> bool:
+    """Whether there is a compiler, and what it makes can be loaded and run here."""
+    return command() is not None and isinstance(compile_library(SMALLEST), Path)
 
 
 @cache
@@ -88,21 +108,15 @@ def _machine() -> str:
 
     def ask() -> str:
         questions = (("-march=native", "-Q", "--help=target"), ("--version",))
-        answers = [_asked((*words, *question)) for question in questions]
+        answers = [
+            call((*words, *question), seconds=LONGEST_TRIAL).stdout for question in questions
+        ]
         return "\n".join((platform.machine(), *answers, " ".join(FLAGS)))
 
     files = [Path(path).stat() for word in words if (path := shutil.which(word))]
     stamps = [f"{file.st_size} {file.st_mtime_ns} {file.st_ino}" for file in files]
     key = joint_hash(*words, *stamps, *FLAGS, platform.node(), platform.machine(), _processor())
     return kept("machines", key, ask, str)
-
-
-def _asked(words: tuple[str, ...]) -> str:
-    try:
-        done = subprocess.run(words, capture_output=True, text=True, check=False)  # noqa: S603
-    except OSError:
-        return ""  # not a program; compiling will say so
-    return done.stdout
 
 
 def _processor() -> str:
@@ -115,58 +129,58 @@ def _processor() -> str:
     return "\n".join(line for line in first.splitlines() if "MHz" not in line)
 
 
-def compile_library(text: str) -> Path | None:
-    """Return the shared library of a C text, from the cache or made now; None when it fails.
+def compile_library(text: str) -> Path | str:
+    """Return the shared library of a C text, from the cache or made now; else why there is none.
 
     Two processes that compile the same text at once both succeed: each writes a file of its own
-    and renames it. A library that does not match the hash beside it is made anew. Where the cache
-    folder cannot be written, the library lives in a temporary one as long as this process.
+    and renames it. A library that does not match the hash beside it is made anew. What was made is
+    run once in a process of its own before it is kept: one that this machine or this folder does
+    not let run is none.
     """
     if command() is None:
-        return None
+        return "no C compiler found"
     key = hashlib.sha256(f"{text}\n{_machine()}".encode()).hexdigest()[:32]
     folder = cache_folder()
+    if folder is None:
+        return "no folder for compiled loops"
     library, proof = folder / f"{key}.so", folder / f"{key}.sha256"
     try:
         if library.exists() and proof.read_text("ascii") == _digest(library):
             return library
-    except OSError:
+    except (OSError, ValueError):
         pass  # no proof beside it, or not readable: made anew below
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        work = tempfile.TemporaryDirectory(dir=folder)
+        with tempfile.TemporaryDirectory(dir=folder, ignore_cleanup_errors=True) as name:
+            made = _compiled(text, Path(name))
+            if isinstance(made, str):
+                return made
+            (Path(name) / "proof").write_text(_digest(made), "ascii")
+            made.replace(library)
+            (Path(name) / "proof").replace(proof)
     except OSError as error:
-        folder = _own_folder(f"{folder}: {error.strerror}")
-        work = tempfile.TemporaryDirectory(dir=folder)
-    with work as name:
-        made = _compiled(text, Path(name))
-        if made is None:
-            return None
-        (Path(name) / "proof").write_text(_digest(made), "ascii")
-        made.replace(library := folder / f"{key}.so")
-        (Path(name) / "proof").replace(library.with_suffix(".sha256"))
+        return f"{folder}: {error.strerror}"
     return library
 
 
-def _compiled(text: str, folder: Path) -> Path | None:
-    """Return the library of a C text, made in `folder`; None when the compiler fails."""
+def _compiled(text: str, folder: Path) -> Path | str:
+    """Return the library of a C text, made in `folder` and tried; else what went wrong."""
     made, written = folder / "loop.so", folder / "loop.c"
     written.write_text(text, "utf-8")
     words = [*(command() or ()), *FLAGS, "-shared", "-fPIC", "-o", str(made), str(written), "-lm"]
-    try:
-        done = subprocess.run(words, capture_output=True, check=False)  # noqa: S603 - our own text
-    except OSError:
-        return None
-    return None if done.returncode or not made.exists() else made
+    done = call(words, seconds=LONGEST_COMPILATION)
+    if done.returncode or not made.exists():
+        return f"the C compiler failed: {_first(done.stderr) or 'it made nothing'}"
+    tried = call([sys.executable, "-I", "-B", "-c", TRIAL, str(made)], seconds=LONGEST_TRIAL)
+    if tried.returncode:
+        last = _first("\n".join(reversed(tried.stderr.splitlines())))
+        return f"what the C compiler makes does not run here: {last or tried.returncode}"
+    return made
 
 
-@cache
-def _own_folder(reason: str) -> Path:
-    """Return a folder that goes with this process, and say once why it is needed."""
-    sys.stderr.write(f"note: compiled loops cannot be kept ({reason}); set MAGLEV_DESIGN_CACHE\n")
-    folder = tempfile.mkdtemp(prefix="maglev-design-")
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return Path(folder)
+def _first(words: str) -> str:
+    """Return the first line, as a note may show it."""
+    line = next((line for line in words.splitlines() if line.strip()), "")
+    return "".join(c if c.isprintable() else "?" for c in line)[:200]
 
 
 def _digest(path: Path) -> str:
@@ -178,11 +192,14 @@ Kernel = Callable[..., None]
 
 
 @lru_cache(maxsize=256)
-def _loaded(text: str) -> Kernel | None:
+def _loaded(text: str) -> Kernel | str:
     library = compile_library(text)
-    if library is None:
-        return None
-    function = ctypes.CDLL(str(library)).run
+    if isinstance(library, str):
+        return library
+    try:
+        function = ctypes.CDLL(str(library)).run
+    except (OSError, AttributeError) as error:
+        return f"{library}: {error}"
     table, number = ctypes.c_void_p, ctypes.c_int64
     function.argtypes = [number, number, *[table] * 7, ctypes.c_int, table, table]
     function.restype = None
@@ -190,9 +207,15 @@ def _loaded(text: str) -> Kernel | None:
 
 
 @lru_cache(maxsize=64)
+def looked_for(loop: LoopGraph) -> Kernel | str:
+    """Return the compiled kernel of a loop, or why there is none."""
+    return "no C compiler found" if compiler() is None else _loaded(text(loop))
+
+
 def kernel(loop: LoopGraph) -> Kernel | None:
-    """Return the compiled kernel of a loop; None where there is no compiler."""
-    return None if compiler() is None else _loaded(text(loop))
+    """Return the compiled kernel of a loop; None where there is none."""
+    found = looked_for(loop)
+    return None if isinstance(found, str) else found
 
 
 def text(loop: LoopGraph) -> str:

@@ -15,7 +15,7 @@ from maglev_design.errors import InputError
 from maglev_design.options import Backend
 from maglev_design.rig import Rig
 from maglev_design.simulation import compiled
-from maglev_design.sweeping.chunks import is_done, open_folder, write_chunk
+from maglev_design.sweeping.chunks import chunk_sha256, is_done, open_folder, write_chunk
 from maglev_design.sweeping.draws import SAMPLINGS, Sampling, beta_is_computed, drawn_spreads
 from maglev_design.sweeping.executors import Runner, in_process, in_processes, locally, on_cluster
 from maglev_design.sweeping.result import DesignResult, SweepResult, recorded, summarise
@@ -40,6 +40,7 @@ __all__ = [
     "Setup",
     "SweepResult",
     "beta_is_computed",
+    "chunk_sha256",
     "drawn_spreads",
     "in_process",
     "in_processes",
@@ -96,7 +97,7 @@ def make_setup(
         uncertain = "input_noise" in spreads or "position_noise" in spreads
         noise = uncertain or rig.noise.input > 0 or rig.noise.position > 0
     if backend == "auto":
-        backend = "compiled" if compiled.compiler() else "interpreted"
+        backend = "compiled" if compiled.usable() else "interpreted"
     if chunk is None:
         chunk = COMPILED_CHUNK if backend == "compiled" else INTERPRETED_CHUNK
     return Setup(rig, designs, samples, seed, sampling, chunk, noise, backend, beta_error)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import zipfile
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maglev_design.arrays import LARGEST, file_sha256, read_arrays
 from maglev_design.errors import InputError
 from maglev_design.files import json_bytes, read_document, write_bytes
 from maglev_design.sweeping.scenarios import FIGURES
@@ -22,7 +21,8 @@ Array = NDArray[np.float64]
 SETUP, CHUNKS = "setup.json", "chunks"
 LARGEST_SETUP = 50_000_000
 """[bytes]"""
-_DAMAGED = (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error)
+HEAD = 1000
+"""[bytes] At most, of an array in a file, beside its numbers."""
 
 
 def chunk_path(folder: Path, number: int) -> Path:
@@ -95,43 +95,33 @@ def is_done(setup: Setup, folder: Path, number: int, *, force: bool = False) -> 
         When it is whole and belongs to another sweep, unless `force`.
     """
     path = chunk_path(folder, number)
-    if not path.exists():
-        return False
-    count = setup.span(number)[1]
+    size = _size(setup, number)
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            proof = archive["proof"]
-            whole = all(
-                array.shape == (count,) and array.dtype == np.float64
-                for array in (archive[name] for name in names(setup))
-            )
-    except _DAMAGED:
-        if _is_another(path, setup, number) and not force:
-            raise _foreign(path) from None
+        proof = read_arrays(path, ["proof"], max(LARGEST, size))["proof"]
+    except InputError:
         return False
     if not np.array_equal(proof, _proof(setup, number)):
         if force:
             return False
-        raise _foreign(path)
-    return whole
-
-
-def _is_another(path: Path, setup: Setup, number: int) -> bool:
-    """Whether a file that is no chunk of this sweep is a whole one of another."""
+        raise InputError(
+            f"{path}: a chunk of another sweep; take it away, or compute it anew with --force"
+        )
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            proof = archive["proof"]
-            for name in archive.files:
-                archive[name]
-    except _DAMAGED:
+        arrays = read_arrays(path, names(setup), size)
+    except InputError:
         return False
-    return not np.array_equal(proof, _proof(setup, number))
+    shape, kind = (setup.span(number)[1],), np.dtype(np.float64)
+    return all((one.shape, one.dtype) == (shape, kind) for one in arrays.values())
 
 
-def _foreign(path: Path) -> InputError:
-    return InputError(
-        f"{path}: a chunk of another sweep; take it away, or compute it anew with --force"
-    )
+def _size(setup: Setup, number: int) -> int:
+    """Return the bytes that a chunk's file has at most."""
+    return (len(names(setup)) + 1) * (8 * setup.span(number)[1] + HEAD)
+
+
+def chunk_sha256(folder: Path, number: int) -> str:
+    """Return the hash of a chunk's file."""
+    return file_sha256(chunk_path(folder, number))
 
 
 def column(setup: Setup, folder: Path, name: str) -> Array:
@@ -152,10 +142,9 @@ def read(setup: Setup, folder: Path, number: int, name: str) -> Array:
     """Return one array of one chunk."""
     path = chunk_path(folder, number)
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            part: Array = archive[name]
-    except _DAMAGED as error:
-        raise InputError(f"{path}: damaged; run the same sweep again to compute it anew") from error
+        part: Array = read_arrays(path, [name], _size(setup, number))[name]
+    except InputError as error:
+        raise InputError(f"{error}; run the same sweep again to compute it anew") from error
     if part.shape != (setup.span(number)[1],):
         raise InputError(f"{path}: damaged; run the same sweep again to compute it anew")
     return part

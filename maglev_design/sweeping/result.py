@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from maglev_design.controller.design import Design
 from maglev_design.options import SCHEMA_VERSION
-from maglev_design.sweeping.chunks import column, read
+from maglev_design.sweeping.chunks import chunk_sha256, column, read
 from maglev_design.sweeping.scenarios import FIGURES
 from maglev_design.sweeping.setup import Setup
 
@@ -71,10 +71,20 @@ class DesignResult:
 
 @dataclass(frozen=True)
 class SweepResult:
-    """What a sweep found, one result a design, in the order of the setup."""
+    """What a sweep found.
+
+    Attributes
+    ----------
+    setup : Setup
+    designs : tuple of DesignResult
+        In the order of the setup.
+    chunks_sha256 : tuple of str
+        Hash of every chunk's file.
+    """
 
     setup: Setup
     designs: tuple[DesignResult, ...]
+    chunks_sha256: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Return it for JSON; what stands at the top is of the first design."""
@@ -92,13 +102,15 @@ class SweepResult:
             },
             "beta_from": self.setup.beta_from,
             "setup": self.setup.description,
+            "chunks_sha256": self.chunks_sha256,
         }
 
 
 def summarise(setup: Setup, folder: Path) -> SweepResult:
     """Return the result of a folder in which every chunk is done; one column at a time."""
     rows = (_of_design(setup, folder, n, design) for n, design in enumerate(setup.designs))
-    return SweepResult(setup, tuple(rows))
+    hashes = tuple(chunk_sha256(folder, number) for number in range(setup.chunks))
+    return SweepResult(setup, tuple(rows), hashes)
 
 
 def _of_design(setup: Setup, folder: Path, position: int, design: Design) -> DesignResult:

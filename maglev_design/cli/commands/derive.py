@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from maglev_design.cli.arguments import Json, to
+from maglev_design.cli.arguments import Json, Overwrite, to
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,9 +16,11 @@ class DeriveOptions:
     """How to print the derivation."""
 
     form: Annotated[
-        Literal["text", "markdown", "latex"], typer.Option("--format", help="How to write it.")
-    ] = "text"
-    output: Annotated[Path | None, to("Write to this file, not to stdout.")] = None
+        Literal["text", "markdown", "latex"] | None,
+        typer.Option("--format", help="How to write it; the ending of --output says it, too."),
+    ] = None
+    output: Annotated[Path | None, to("Write to this .txt, .md or .tex, not to stdout.")] = None
+    force: Overwrite = False
     json: Json = False
 
 

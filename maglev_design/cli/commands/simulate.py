@@ -12,6 +12,7 @@ from maglev_design.cli.arguments import (
     Json,
     MethodIfSaid,
     OmegaN,
+    Overwrite,
     PidDerivative,
     PidFeedforward,
     PidFilter,
@@ -87,10 +88,11 @@ class SimulateOptions:
             help="Run one scenario of a sweep (its sweep.json) again, with nothing else given.",
         ),
     ] = None
-    csv: Annotated[Path | None, typer.Option(help="Write the response to this file.")] = None
+    csv: Annotated[Path | None, typer.Option(help="Write the response into this .csv.")] = None
     plot: Annotated[
         Path | None, typer.Option(help="Draw the response into this .png, .svg or .pdf.")
     ] = None
+    force: Overwrite = False
     json: Json = False
 
 
