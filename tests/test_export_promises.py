@@ -124,8 +124,11 @@ def test_a_record_that_names_two_controllers_is_not_read(
 def test_a_ratio_that_counts_from_another_beta_is_found(
     tuned_record: DesignRecord, tmp_path: Path
 ) -> None:
-    value = 1.01 * tuned_record.document["design"]["beta_c"]
-    record = with_document(tuned_record, **changed(tuned_record.document, "design.beta_c", value))
+    design = tuned_record.design
+    believed = replace(design.believed, beta=1.01 * design.believed.beta)
+    document = changed(tuned_record.document, "design.beta_c", believed.beta)
+    other = replace(tuned_record, design=replace(design, believed=believed))
+    record = with_document(other, **document)
     assert "beta_c is that of U and Y, or of K, C and m" in failed(
         verdict_of(record, tmp_path / "out")
     )

@@ -340,7 +340,7 @@ def test_without_noise_the_drawn_deviations_do_nothing(wide_rig: Rig) -> None:
 def test_a_promised_compiler_that_is_missing_is_said(
     ratio_rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compiled, "compiler", lambda: None)
+    monkeypatch.setattr(compiled, "usable", lambda: False)
     assert small(ratio_rig).backend == "interpreted"
     setup = small(ratio_rig, backend="compiled")
     monkeypatch.setattr(compiled, "kernel", lambda *_: None)
