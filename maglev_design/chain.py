@@ -16,13 +16,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from maglev_design.controller.checks import check_path_voltage
 from maglev_design.controller.design import (
     PAPER_POLES,
     Design,
     PoleSpec,
-    check_path_voltage,
     make_design,
 )
+from maglev_design.controller.matching import is_certified_law, only_papers_plant
 from maglev_design.errors import InfeasibleError, InputError
 from maglev_design.files import output_folder
 from maglev_design.options import METHODS, TAN_GPI, Controller, Equilibrium, Method, Target
@@ -51,7 +52,7 @@ def design(
     zeta: float,
     omega_n: float,
     *,
-    law: Controller = TAN_GPI,
+    law: Controller | None = None,
     equilibrium: Equilibrium = "model",
     method: Method | None = None,
 ) -> Design:
@@ -64,7 +65,8 @@ def design(
         Damping ratio [-], positive.
     omega_n : float
         Natural frequency [rad/s], positive.
-    law : Controller
+    law : Controller, optional
+        Default: TAN-GPI of the order of the rig's plant.
     equilibrium : {"model", "appendix-a", "measured"}
         How U, C_U and C_Y are known.
     method : {"tustin", "euler", "zoh"}, optional
@@ -128,6 +130,8 @@ def tune(
     from maglev_design.tuning import Unstabilisable  # noqa: PLC0415
 
     plant = designed_for(rig) if limits.get("scenarios") == "emulated" else rig
+    if pareto:
+        only_papers_plant(plant, "pareto")
     found = solved(
         plant, method=method, baseline=baseline, certified=certified, progress=progress, **limits
     )
@@ -149,6 +153,8 @@ def solved(
     from maglev_design.tuning import build_problem, solve, solve_every_method  # noqa: PLC0415
 
     check_path_voltage(rig)
+    if certified:
+        only_papers_plant(rig, "--certify: a Lyapunov certificate")
     proof = _proof(rig, limits.get("beta_error")) if certified else None
 
     def problem(one: Method | None) -> TuningProblem:
@@ -177,7 +183,7 @@ def recorded(result: TuneResult, progress: Progress, *, pareto: bool = False) ->
     progress("margins", 0.0)
     margins = sampled_margins(problem.loop, result.poles.values, problem.family)
     progress("certificate", 0.3)
-    if problem.controller.name == TAN_GPI.name:
+    if is_certified_law(problem.rig, problem.controller):
         (certificate,) = certify_family(
             result.design, problem.rig, beta_error=problem.given_beta_error, loops=("sampled",)
         )
@@ -371,6 +377,7 @@ def to_prove(
 
     rig, made, error = _told(subject, controller)
     check_path_voltage(rig)
+    only_papers_plant(rig, "certify", made.controller)
     return assessment.subject(
         rig, made, beta_error=error if beta_error is None else beta_error, gap_range=gap_range
     )

@@ -28,8 +28,9 @@ from maglev_design.controller.design import (
     coefficient_inputs,
     difference_coefficients,
     reference_of,
-    true_equilibrium,
+    tangent_matrices,
 )
+from maglev_design.controller.matching import plant_words
 from maglev_design.errors import InputError
 from maglev_design.files import digest, finite, json_bytes, read_document, write_bytes
 from maglev_design.options import SCHEMA_VERSION, TAN_GPI
@@ -119,8 +120,9 @@ class DesignRecord:
     def plant(self, gap: float | None = None, ratio: float = 1.0) -> Any:
         """Return the plant's tangent at rest as a python-control state space, continuous.
 
-        From the voltage's deviation [V] to that of the gap [m]; states (y_delta, y_delta'). The
-        rig's delay, which the exported loop has, is not in it.
+        From the voltage's deviation [V] to that of the gap [m]; states (y_delta, y_delta') and,
+        behind a drive with a lag or a coil, the current's over C [V]. The rig's delay, which the
+        exported loop has, is not in it.
 
         Parameters
         ----------
@@ -132,8 +134,7 @@ class DesignRecord:
         import control  # noqa: PLC0415 - heavy
 
         at = self.design.Y if gap is None else gap
-        rest = true_equilibrium(self.rig, self.design.beta_at(ratio), at)
-        return control.ss([[0, 1], [rest.C_Y, 0]], [[0], [-rest.C_U]], [[1, 0]], [[0]])
+        return control.ss(*tangent_matrices(self.rig, self.design.beta_at(ratio), at))
 
 
 def called(document: Mapping[str, Any]) -> str:
@@ -167,7 +168,7 @@ def make_record(
 ) -> DesignRecord:
     """Return the record of a tuning, with what was certified of its sampled loop.
 
-    Without a `certificate` the record says that none is made for the law.
+    Without a `certificate` the record says that none is made for the loop.
     """
     from maglev_design.tuning import as_json  # noqa: PLC0415 - not for reading a record back
 
@@ -196,12 +197,13 @@ def make_record(
 def _certificate(result: TuneResult, found: LmiCertificate | None) -> dict[str, Any]:
     """Return whether and of what there is a proof; the proof itself `certify` writes."""
     if found is None:
-        over, law = result.problem.family, result.design.controller.name
+        over, rig = result.problem.family, result.problem.rig
+        of = plant_words(rig) or f"the law {result.design.controller.name}"
         return dict.fromkeys(CERTIFICATE_FIELDS) | {
             "loop": "sampled",
             "certified": False,
-            "status": f"not made for this law: Lyapunov certificates are of {TAN_GPI.name}, not "
-            f"of {law}; margins and exact intervals are",
+            "status": f"not made for this loop: Lyapunov certificates are of {TAN_GPI.name} on an "
+            f"inverse-square force under ideal current drive, not of {of}; margins are",
             "gaps": list(over.gaps),
             "ratios": list(over.ratios),
         }
@@ -373,5 +375,5 @@ def _placed(design: Design) -> bool:
     """Whether the poles that stand beside the gains of TAN-GPI are those that the gains place."""
     if design.controller.name != TAN_GPI.name:
         return True
-    gains = gains_program().scalar()(*design.poles.values)
+    gains = gains_program(design.controller).scalar()(*design.poles.values)
     return all(map(partial(math.isclose, rel_tol=SAME_POLES), gains, design.gains))

@@ -36,9 +36,9 @@ import sympy as sp
 from matplotlib_inline.backend_inline import set_matplotlib_formats
 from scipy.integrate import solve_ivp
 
+from maglev_design.controller.checks import check_path_voltage
 from maglev_design.controller.design import (
     believed_equilibrium,
-    check_path_voltage,
     plant_beta,
     reference_path,
     true_equilibrium,

@@ -40,9 +40,9 @@ from matplotlib_inline.backend_inline import set_matplotlib_formats
 from maglev_design.certification.intervals.interval import exact_loop, ratios_over
 from maglev_design.certification.lyapunov.lmi import certify_family
 from maglev_design.certification.margins import sampled_margins
+from maglev_design.controller.checks import check_path_voltage
 from maglev_design.controller.design import (
     PoleSpec,
-    check_path_voltage,
     make_design,
     plant_beta,
     true_equilibrium,

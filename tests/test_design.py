@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from rigs import MINIMAL, OFFSET, SHORT, rig_with
 from scipy.signal import cont2discrete
 
+from maglev_design.controller import checks
 from maglev_design.controller import design as designs
 from maglev_design.controller.design import PoleSpec
 from maglev_design.controller.timing import Timing, timing
@@ -35,7 +36,7 @@ FACTORS = [0.85, 1.0, 1.15]
 
 def beta_of(rig: Rig) -> float:
     plant = rig.plant
-    return plant.force_constant * plant.current_gain**2 / plant.mass
+    return plant.force_constant * rig.current_gain**2 / plant.mass
 
 
 # --- poles ---------------------------------------------------------------------------------
@@ -205,13 +206,13 @@ def test_given_gains_are_the_gains() -> None:
 
 def test_a_voltage_that_contradicts_the_force_constant_is_named_with_the_beta_it_implies() -> None:
     disagreeing = rig_with(SHORT, {"operating_point.voltage": 4.165, "uncertainty.beta": 0.15})
-    warning = designs.voltage_warning(disagreeing)
+    warning = checks.voltage_warning(disagreeing)
     assert warning is not None
     assert "implies beta = 0.000342" in warning
     assert "0.25 times" in warning
     for voltage in (2.0825, 2.2, None):
         rig = rig_with(SHORT, {"operating_point.voltage": voltage, "uncertainty.beta": 0.15})
-        assert designs.voltage_warning(rig) is None
+        assert checks.voltage_warning(rig) is None
 
 
 # --- a whole design ------------------------------------------------------------------------
@@ -400,10 +401,10 @@ def test_a_path_that_the_actuator_cannot_follow_is_refused(
     changes: dict[str, Any], words: list[str]
 ) -> None:
     with pytest.raises(InputError) as caught:
-        designs.check_path_voltage(rig_with(SHORT, changes))
+        checks.check_path_voltage(rig_with(SHORT, changes))
     assert [word for word in words if word not in str(caught.value)] == []
 
 
 def test_a_path_that_the_actuator_can_follow_passes() -> None:
     for data in (MINIMAL, SHORT, OFFSET):
-        designs.check_path_voltage(rig_with(data))
+        checks.check_path_voltage(rig_with(data))

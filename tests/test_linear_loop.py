@@ -107,7 +107,7 @@ def gains_of(poles: tuple[float, ...]) -> Array:
 def told(rig: Rig, reading: Equilibrium) -> Known:
     plant, point = rig.plant, rig.operating_point
     g, Z = plant.gravity, point.gap + plant.gap_offset
-    beta_c = plant.force_constant * plant.current_gain**2 / plant.mass
+    beta_c = plant.force_constant * rig.current_gain**2 / plant.mass
     U = math.sqrt(g / beta_c) * Z
     if reading != "model":
         assert point.voltage is not None

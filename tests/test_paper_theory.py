@@ -507,7 +507,7 @@ def hand_made_loop(
 ) -> Array:
     """Return the loop's polynomial from the definitions, nothing of the package but the rig."""
     plant, own = rig.plant, rig.operating_point.gap + rig.plant.gap_offset
-    beta = plant.force_constant * plant.current_gain**2 / plant.mass
+    beta = plant.force_constant * rig.current_gain**2 / plant.mass
     beta_c, g = ratio * beta, plant.gravity
     zeta, speed = poles.first
     pair = [1, 2 * zeta * speed, speed**2]

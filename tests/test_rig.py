@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pydantic import BaseModel, ValidationError
 from rigs import MINIMAL, SHORT, changed, rig_with
 
-from maglev_design.controller.design import check_path_voltage
+from maglev_design.controller.checks import check_path_voltage
 from maglev_design.errors import InputError, MaglevError, nearest
 from maglev_design.rig import (
     LARGEST_RIG_FILE,

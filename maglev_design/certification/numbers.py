@@ -59,7 +59,7 @@ def as_designed(rig: Rig, design: Design) -> dict[Symbol, Expr]:
     """
     known = as_run(rig, design)
     plant = rig.plant
-    typed = {p.m: plant.mass, p.C: plant.current_gain, p.K: plant.force_constant}
+    typed = {p.m: plant.mass, p.C: rig.current_gain, p.K: plant.force_constant}
     model = p.magnetic_levitation()
     numbers = known | {symbol: Rational(decimal(value)) for symbol, value in typed.items()}
     numbers[p.beta_c] = model.beta.subs(numbers)

@@ -11,10 +11,10 @@ from typing import Annotated, Any
 import typer
 
 from maglev_design.options import (
-    ControllerName,
     Derivative,
     Equilibrium,
     Feedforward,
+    LawName,
     Method,
     Start,
 )
@@ -25,8 +25,8 @@ _READING = typer.Option(help="How the controller learns U, C_U and C_Y.")
 
 RigSource = Annotated[str, _RIG]
 RigIfSaid = Annotated[str | None, _RIG]
-Law = Annotated[ControllerName, _LAW]
-LawIfSaid = Annotated[ControllerName | None, _LAW]
+Law = Annotated[LawName, _LAW]
+LawIfSaid = Annotated[LawName | None, _LAW]
 Reading = Annotated[Equilibrium, _READING]
 ReadingIfSaid = Annotated[Equilibrium | None, _READING]
 MethodIfSaid = Annotated[Method | None, typer.Option(help="Discretisation of the law.")]

@@ -14,7 +14,7 @@ from maglev_design.cli.certify_tables import print_assessment
 from maglev_design.cli.output import print_json, progress_bar, say, table, warn
 from maglev_design.errors import InputError, VerificationError
 from maglev_design.files import json_bytes, output_folder, write_bytes
-from maglev_design.options import SCHEMA_VERSION, Controller
+from maglev_design.options import SCHEMA_VERSION
 
 if TYPE_CHECKING:
     from maglev_design.certification.assessment import AssessmentSubject
@@ -32,7 +32,7 @@ def certify(options: CertifyOptions) -> None:
         return
     from maglev_design.certification.region.guaranteed import RegionStatus, status_as_data  # noqa: PLC0415
     from maglev_design.chain import proved  # noqa: PLC0415
-    from maglev_design.controller.design import voltage_warning  # noqa: PLC0415
+    from maglev_design.controller.checks import voltage_warning  # noqa: PLC0415
 
     own = _subject(options)
     disagreement = voltage_warning(own.rig)
@@ -164,6 +164,7 @@ def _subject(options: CertifyOptions) -> AssessmentSubject:
     from maglev_design.chain import to_prove  # noqa: PLC0415
     from maglev_design.cli.law import asked_poles  # noqa: PLC0415
     from maglev_design.controller.design import make_design  # noqa: PLC0415
+    from maglev_design.controller.matching import law_named  # noqa: PLC0415
     from maglev_design.options import DEFAULT_PRESET  # noqa: PLC0415
     from maglev_design.rig import load_rig  # noqa: PLC0415
 
@@ -174,7 +175,7 @@ def _subject(options: CertifyOptions) -> AssessmentSubject:
     design = make_design(
         rig,
         asked_poles(options),
-        controller=Controller(options.controller or "tan-gpi"),
+        controller=law_named(options.controller or "tan-gpi", rig),
         equilibrium=options.equilibrium or "model",
         method=options.method,
     )

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from maglev_design.cli.output import print_json, progress_bar, say, table, typed
-from maglev_design.controller.design import check_path_voltage
+from maglev_design.controller.checks import check_path_voltage
+from maglev_design.controller.matching import only_papers_plant
 from maglev_design.errors import InputError
 from maglev_design.files import finite, json_bytes, output_folder, write_bytes
 from maglev_design.options import SCHEMA_VERSION
@@ -39,6 +40,7 @@ def judge_claims(options: ClaimsOptions) -> None:
     from maglev_design.paper.claims import Grounds, judged  # noqa: PLC0415 - takes its time
 
     rig = load_rig(options.rig)
+    only_papers_plant(rig, "claims")
     check_path_voltage(rig)
     folder = output_folder(options.output, force=options.force) if options.output else None
     with progress_bar() as progress:

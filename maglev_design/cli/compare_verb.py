@@ -9,7 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from maglev_design.cli.output import print_json, progress_bar, say, table, typed, warn
-from maglev_design.controller.design import PoleSpec, check_path_voltage
+from maglev_design.controller.checks import check_path_voltage
+from maglev_design.controller.design import (
+    PoleSpec,
+)
+from maglev_design.controller.matching import only_papers_plant
 from maglev_design.errors import InputError
 from maglev_design.files import finite, json_bytes, output_folder, write_bytes
 from maglev_design.options import METHODS, SCHEMA_VERSION, Equilibrium
@@ -36,6 +40,7 @@ def compare_controllers(options: CompareOptions) -> None:
     """Run the tests, print the tables, write page, data and figures."""
     record = load(options.design) if options.design else None
     rig = record.rig if record else load_rig(options.rig)
+    only_papers_plant(rig, "compare")
     check_path_voltage(rig)
     readings = _readings(
         rig, options, moves=record is None, equilibrium=_equilibrium(options, record)

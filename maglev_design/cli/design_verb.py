@@ -8,7 +8,11 @@ from typing import TYPE_CHECKING, Any
 from maglev_design.cli import tune_verb
 from maglev_design.cli.law import chosen_law
 from maglev_design.cli.output import number, print_json, progress_bar, say
-from maglev_design.controller.design import PoleSpec, believed_equilibrium, check_path_voltage
+from maglev_design.controller.checks import check_path_voltage
+from maglev_design.controller.design import (
+    PoleSpec,
+    believed_equilibrium,
+)
 from maglev_design.errors import InfeasibleError, InputError
 from maglev_design.files import output_folder
 from maglev_design.options import Controller
@@ -78,7 +82,7 @@ def _controller(
     if sum(ways.values()) != 1:
         given = " and ".join(name for name, said in ways.items() if said) or "nothing"
         raise InputError(f"which controller? Give one of {', '.join(ways)}; given: {given}")
-    controller = chosen_law(options.controller, options)
+    controller = chosen_law(options.controller, rig, options)
     if options.gains is not None:
         named = parse_gains(options.gains)
         if options.filter is not None and {FILTER, FILTER_OTHERWISE} & named.keys():

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from maglev_design.controller.design import PAPER_POLES, PoleSpec
+from maglev_design.controller.matching import law_named
 from maglev_design.errors import InputError
-from maglev_design.options import Controller, ControllerName
+from maglev_design.options import Controller, LawName
+from maglev_design.rig import Rig
 
 if TYPE_CHECKING:
     from maglev_design.cli.commands.certify import CertifyOptions
@@ -18,8 +21,11 @@ PID = ("feedforward", "derivative", "filter", "start")
 """Options of the linear PID alone."""
 
 
-def chosen_law(name: ControllerName, options: SimulateOptions | DesignOptions) -> Controller:
-    """Return the law with its options; those of the PID are refused for the others."""
+def chosen_law(name: LawName, rig: Rig, options: SimulateOptions | DesignOptions) -> Controller:
+    """Return the law as the rig's plant asks for it, with its options.
+
+    Those of the PID are refused for the others.
+    """
     given = {option: getattr(options, option) for option in PID}
     given = {option: value for option, value in given.items() if value is not None}
     if given and name != "lin-pid":
@@ -27,7 +33,7 @@ def chosen_law(name: ControllerName, options: SimulateOptions | DesignOptions) -
         raise InputError(
             f"{names}: only for --controller lin-pid, not for {name}, which leaves nothing open"
         )
-    return Controller(name, **given)
+    return replace(law_named(name, rig), **given)
 
 
 def asked_poles(options: SimulateOptions | SweepOptions | CertifyOptions) -> PoleSpec:

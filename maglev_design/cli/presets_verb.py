@@ -9,7 +9,11 @@ from maglev_design.cli.output import number, print_json, table
 
 def list_presets(*, as_json: bool) -> None:
     """Print every preset with its name, its poles' neighbourhood and its source."""
-    from maglev_design.controller.design import check_path_voltage, plant_beta, true_equilibrium  # noqa: PLC0415
+    from maglev_design.controller.checks import check_path_voltage  # noqa: PLC0415
+    from maglev_design.controller.design import (  # noqa: PLC0415
+        plant_beta,
+        true_equilibrium,
+    )
     from maglev_design.rig import load_rig, preset_names  # noqa: PLC0415
 
     rows = []

@@ -6,6 +6,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from maglev_design.cli.output import print_json, progress_bar, say, warn
+from maglev_design.controller.matching import only_papers_plant
 from maglev_design.errors import InputError
 from maglev_design.files import output_folder
 from maglev_design.options import TAN_GPI
@@ -26,6 +27,7 @@ def report(options: ReportOptions) -> None:
             f"{options.design}: its law is {law}: a report is written of {TAN_GPI.name} only, "
             "whose derivation it shows; simulate, sweep and certify take this design"
         )
+    only_papers_plant(record.rig, "report", record.design.controller)
     forms: tuple[Form, ...] = FORMS if options.form == "all" else (options.form,)
     if options.form == "all" and pdf_form.tool() is None:
         forms = tuple(f for f in forms if f != "pdf")

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from maglev_design.cli.arguments import flag
 from maglev_design.cli.law import PID, asked_poles, chosen_law
+from maglev_design.controller.checks import check_path_voltage
 from maglev_design.controller.design import (
     Design,
-    check_path_voltage,
     coefficient_inputs,
     difference_coefficients,
     make_design,
@@ -19,7 +19,7 @@ from maglev_design.controller.design import (
     voltage_on_plant,
 )
 from maglev_design.errors import InputError
-from maglev_design.options import DEFAULT_PRESET, ControllerName, Method
+from maglev_design.options import DEFAULT_PRESET, Controller, LawName, Method
 from maglev_design.paper.trials import TRIALS, Trial
 from maglev_design.programs import gains_program
 from maglev_design.rig import Emulator, Rig, load_rig, make_rig
@@ -31,11 +31,12 @@ if TYPE_CHECKING:
 RATIOS = (0.01, 20.0)
 """beta_c/beta that can be asked for: a voltage at equilibrium three times too low or too high."""
 PLANT_MOVES = "the plant moves, the controller stays"
-LAWS: dict[ControllerName, str] = {
+LAWS: dict[LawName, str] = {
     "tan-gpi": "TAN-GPI (20)",
     "fee-gpi": "FEE-GPI",
     "lin-pid": "LIN-PID",
     "state-feedback": "state feedback (14)",
+    "tan-gpi-2": "TAN-GPI (20), the second-order law",
 }
 METHODS: dict[Method, str] = {
     "tustin": "Tustin",
@@ -102,7 +103,7 @@ class SimulationSetup:
     def __str__(self) -> str:
         """Return what runs in one line: law, poles, period, reading, ratio and plant."""
         design, period = self.design, f"{1e3 * self.rig.sampling.period:g} ms"
-        words = [LAWS[design.controller.name]]
+        words = [law_words(self.rig, design.controller)]
         words += [design.controller.variant] if design.controller.variant else []
         words.append(_placement(design) + (" (the paper's default)" if self.by_default else ""))
         words.append("continuous" if self.continuous else f"{METHODS[design.method]} at {period}")
@@ -133,6 +134,14 @@ class SimulationSetup:
             "seed": self.scenario.seed,
             "emulated": self.emulate,
         }
+
+
+def law_words(rig: Rig, law: Controller) -> str:
+    """Return what a law is called on a rig."""
+    if law.plant_order > 2:
+        return "TAN-GPI of third order"
+    second = law.name == "tan-gpi" and rig.kind.order > 2
+    return LAWS["tan-gpi-2" if second else law.name]
 
 
 def _are_placed(design: Design) -> bool:
@@ -177,7 +186,7 @@ def _without_a_design(options: SimulateOptions) -> SimulationSetup:
     design = make_design(
         rig,
         asked_poles(options),
-        controller=chosen_law(options.controller or "tan-gpi", options),
+        controller=chosen_law(options.controller or "tan-gpi", rig, options),
         equilibrium=options.equilibrium or "model",
         method=options.method,
         beta_c=beta * ratio,
@@ -213,17 +222,22 @@ def _saved(options: SimulateOptions, path: Path) -> SimulationSetup:
         known = coefficient_inputs(own, design.believed) | design.named_gains
         made = difference_coefficients(known, design.method, design.controller)
         design = replace(design, period=period, coefficients=made)
-    rig, beta = own, design.beta_at(ratio)
+    rig, beta, plant_gap = own, design.beta_at(ratio), None
     if options.plant is not None:
         rig = _on_plant(own, design, options.plant, options)
+        if rig.kind.actuation == "coil":  # where its inductance is what the file says
+            plant_gap = load_rig(options.plant).operating_point.gap
         beta, moves = plant_beta(rig), "another rig's plant, the controller stays"
         ratio = design.believed.beta / beta
     rig = _emulated(rig, period, options)
     check_path_voltage(rig)
+    scenario = _scenario(rig, beta, options)
+    if plant_gap is not None:
+        scenario = replace(scenario, numbers=(("Y", plant_gap),))
     return SimulationSetup(
         rig,
         design,
-        _scenario(rig, beta, options),
+        scenario,
         ratio,
         moves,
         _continuous(options),

@@ -21,21 +21,26 @@ from maglev_design.cli.output import (
     table,
     warn,
 )
-from maglev_design.controller.design import Design, check_path_voltage, make_design
+from maglev_design.controller.checks import check_path_voltage
+from maglev_design.controller.design import (
+    Design,
+    make_design,
+)
+from maglev_design.controller.matching import law_named
 from maglev_design.errors import InputError, nearest
 from maglev_design.figures import DESCRIBED, OBJECTIVES, OF_A_RUN
 from maglev_design.files import finite, json_bytes, output_folder, picked, write_bytes
-from maglev_design.options import CONTROLLERS, DEFAULT_PRESET, Controller
+from maglev_design.options import DEFAULT_PRESET, LAWS, Controller
 from maglev_design.record import DesignRecord, load
 from maglev_design.reporting.words import unit_text
-from maglev_design.rig import DRAWN, Rig, load_rig
+from maglev_design.rig import DRAWN, Drive, PlantParameters, Rig, load_rig
 from maglev_design.simulation import cores
 
 if TYPE_CHECKING:
     from maglev_design.cli.commands.sweep import SweepOptions
 
 RESULT = "sweep.json"
-OF_CONTROLLER = ("plant", "operating_point", "sampling", "limits")
+OF_CONTROLLER = ("plant", "drive", "operating_point", "sampling", "limits")
 """Sections of a rig that a design is computed from."""
 SHOWN = (0.05, 0.5, 0.95, 0.99, 1.0)
 MOST_ROWS = 5
@@ -162,7 +167,7 @@ def _subject(
             make_design(
                 rig,
                 poles,
-                controller=_controller(name),
+                controller=_controller(name, rig),
                 equilibrium=options.equilibrium or "model",
                 method=options.method,
             )
@@ -188,23 +193,22 @@ def _said(error: float | None) -> str:
     return "left out" if error is None else f"{error:g}"
 
 
-def _controller(word: str) -> Controller:
-    name = next((name for name in CONTROLLERS if name == word), None)
+def _controller(word: str, rig: Rig) -> Controller:
+    name = next((name for name in LAWS if name == word), None)
     if name is None:
         raise InputError(
-            f"--controller {word!r}: must be one of {', '.join(CONTROLLERS)}"
-            + nearest(word, CONTROLLERS)
+            f"--controller {word!r}: must be one of {', '.join(LAWS)}" + nearest(word, LAWS)
         )
-    return Controller(name)
+    return law_named(name, rig)
 
 
 def _same_rig(path: Path, record: DesignRecord, rig: Rig, *, against: str, named: bool) -> None:
     """Refuse a design that was made for another plant, or whose scenarios are not the same."""
-    own, other = record.rig.model_dump(), rig.model_dump()
-    sections = [name for name in own if name not in ("name", "source", "notes")]
+    sections = [name for name in Rig.model_fields if name not in ("name", "source", "notes")]
     for section in OF_CONTROLLER if named else sections:
-        for field, value in own[section].items():
-            if value == other[section][field]:
+        for field, value in getattr(record.rig, section):
+            other = getattr(getattr(rig, section), field)
+            if value == other:
                 continue
             remedy = (
                 "tune again for this rig"
@@ -213,7 +217,7 @@ def _same_rig(path: Path, record: DesignRecord, rig: Rig, *, against: str, named
             )
             raise InputError(
                 f"{path}: made for a rig with {section}.{field} = {value!r}, not "
-                f"{other[section][field]!r} as {against} has it; {remedy}"
+                f"{other!r} as {against} has it; {remedy}"
             )
 
 
@@ -238,13 +242,11 @@ def _warnings(setup: sweeps.Setup) -> list[str]:
             f"uncertainty.beta = {rig.uncertainty.beta:g} is not used: the plant's beta follows "
             "from what is drawn for mass, current_gain and force_constant"
         )
-    sections = {"PlantParameters": rig.plant, "InitialState": rig.initial, "Noise": rig.noise}
     for name, spread in spreads.items():
         if name not in DRAWN:
             continue
-        model, field = DRAWN[name]
-        value, (low, high) = getattr(sections[model.__name__], field), spread.reach
-        if model.__name__ == "PlantParameters" and not low <= value <= high:
+        value, (low, high) = rig.stated(name), spread.reach
+        if DRAWN[name][0] in (PlantParameters, Drive) and not low <= value <= high:
             found.append(
                 f"uncertainty.{name}: {low:g} to {high:g} does not hold the rig's own {value:g}, "
                 "which the controller has"

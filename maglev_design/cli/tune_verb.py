@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from maglev_design.cli.design_tables import figure, print_design
 from maglev_design.cli.emulated_text import emulated_warnings
 from maglev_design.cli.output import INTERRUPTED, number, print_json, progress_bar, say, warn
+from maglev_design.controller.matching import law_named, only_papers_plant
 from maglev_design.errors import InfeasibleError, VerificationError
 from maglev_design.files import output_folder
 from maglev_design.rig import Rig, load_rig
@@ -32,10 +33,14 @@ def tune(options: TuneOptions) -> None:
     from maglev_design.tuning import Status, Unstabilisable  # noqa: PLC0415
 
     rig = rig_of(options)
+    law = law_named(options.controller, rig)
+    if options.pareto:
+        only_papers_plant(rig, "--pareto", law)
     folder = output_folder(options.output, force=options.force) if options.output else None
     with progress_bar() as progress:
         result = solved(
             rig,
+            controller=law,
             method=options.method,
             baseline=options.baseline,
             certified=options.certify,

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from maglev_design.controller.design import Believed, Design, PoleSpec, gain_names
+from maglev_design.controller.design import MODEL_NUMBERS, Believed, Design, PoleSpec, gain_names
 from maglev_design.errors import InputError
 from maglev_design.files import finite
 from maglev_design.options import CONTROLLERS, EQUILIBRIA, METHODS, Controller
@@ -53,7 +53,7 @@ def design_from_data(data: Mapping[str, Any], origin: str) -> Design:
         data["equilibrium"],
         numbers["method"],
         tuple(float(numbers["gains"][name]) for name in gain_names(controller)),
-        Believed(*(float(n) for n in (*(numbers[x] for x in ("U", "C_U", "C_Y")), data["beta_c"]))),
+        _believed(numbers, float(data["beta_c"]), controller),
         float(numbers["Y"]),
         {name: _number(value) for name, value in numbers["coefficients"].items()},
         float(numbers["period"]),
@@ -64,6 +64,14 @@ def design_from_data(data: Mapping[str, Any], origin: str) -> Design:
     if data["controller_sha256"] != design.sha256:
         raise InputError(f"{origin}: design: its numbers are not those of its controller_sha256")
     return design
+
+
+def _believed(numbers: Mapping[str, Any], beta: float, controller: Controller) -> Believed:
+    """Return what a controller believes; only what its law takes is in its numbers."""
+    known = {
+        x: float(numbers[x]) for x in ("U", "C_U", "C_Y", *MODEL_NUMBERS[controller.design_model])
+    }
+    return Believed(**known, beta=beta, series=tuple(float(x) for x in numbers.get("series", ())))
 
 
 def _number(value: Any) -> float:

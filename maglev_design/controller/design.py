@@ -4,23 +4,34 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from maglev_design.controller import matching
 from maglev_design.errors import InputError, check_numbers, check_word
 from maglev_design.files import digest, finite
-from maglev_design.options import EQUILIBRIA, METHODS, TAN_GPI, Controller, Equilibrium, Method
+from maglev_design.lowering import Program
+from maglev_design.options import (
+    EQUILIBRIA,
+    METHODS,
+    TAN_GPI,
+    Controller,
+    DesignModel,
+    Equilibrium,
+    Method,
+)
 from maglev_design.programs import (
     believed_program,
     beta_program,
     coefficients_program,
     gains_program,
-    path_voltage_program,
     plant_program,
     reference_program,
+    static_series_program,
+    tangent_program,
 )
 from maglev_design.rig import Rig
 
@@ -30,10 +41,19 @@ PAPER_POLES = (1.0, 70.0)
 """zeta_d and omega_nd of sec. 4: the yardstick of every tuning."""
 
 
+MODEL_NUMBERS: Mapping[DesignModel, tuple[str, ...]] = {
+    "undamped": (),
+    "damped": ("delta",),
+    "lag": ("delta", "tau", "kappa"),
+}
+"""What a design model has besides C_U and C_Y."""
+
+
 @dataclass(frozen=True)
 class PoleSpec:
     """Two pole pairs s^2 + 2 zeta_i omega_i s + omega_i^2; the paper's (24) has them equal.
 
+    A law of a higher order has the second pair as often as it needs.
     A controller of third order (`lin-pid`, `state-feedback`) has the first pair and a real pole at
     -omega_n of the second.
 
@@ -72,14 +92,41 @@ class PoleSpec:
 class Believed:
     """What the controller takes the equilibrium to be.
 
-    U [V], C_U [m/(s^2 V)], C_Y [1/s^2] and beta [m^3/(s^2 V^2)], the force constant that these
-    numbers imply: the beta_c of the ratio beta_c/beta.
+    U [V], C_U [m/(s^2 V)], C_Y [1/s^2] and beta [m^3/(s^2 V^2) for the inverse-square law], the
+    force constant that these numbers imply: the beta_c of the ratio beta_c/beta. For a plant other
+    than the paper's also the damping delta [1/s], the time constant tau [s] of the drive and
+    kappa [1/s] of its back-EMF, and the power series of the static voltage around Y [V/m^n].
     """
 
     U: float
     C_U: float
     C_Y: float
     beta: float
+    delta: float = 0.0
+    tau: float = 0.0
+    kappa: float = 0.0
+    series: tuple[float, ...] = ()
+
+    def as_inputs(self) -> dict[str, float]:
+        """Return the numbers by the names of the symbols that stand for them."""
+        return {
+            "C_U_hat": self.C_U,
+            "C_Y_hat": self.C_Y,
+            "beta_c": self.beta,
+            "delta_hat": self.delta,
+            "tau_hat": self.tau,
+            "kappa_hat": self.kappa,
+            **{f"S{n}": value for n, value in enumerate(self.series, 1)},
+        }
+
+    def of_model(self, controller: Controller) -> dict[str, Any]:
+        """Return what `controller` takes from here besides U, C_U and C_Y, as plain data."""
+        numbers: dict[str, Any] = {
+            name: getattr(self, name) for name in MODEL_NUMBERS[controller.design_model]
+        }
+        if controller.static_voltage == "series":
+            numbers["series"] = list(self.series)
+        return numbers
 
 
 @dataclass(frozen=True)
@@ -134,13 +181,14 @@ class Design:
         """What runs, as plain data: the law and every number of it; no label, no reading."""
         believed = self.believed
         return {
-            "law": asdict(self.controller),
+            "law": self.controller.as_data(),
             "method": self.method,
             "period": self.period,
             "Y": self.Y,
             "U": believed.U,
             "C_U": believed.C_U,
             "C_Y": believed.C_Y,
+            **believed.of_model(self.controller),
             "gains": self.named_gains,
             "coefficients": dict(self.coefficients),
             "voltage_limits": list(self.voltage_limits),
@@ -173,14 +221,51 @@ def plant_beta(rig: Rig) -> float:
     0.00136884
     """
     plant = rig.plant
-    (value,) = beta_program().scalar()(plant.mass, plant.current_gain, plant.force_constant)
+    (value,) = beta_program(rig.kind).scalar()(plant.mass, rig.current_gain, plant.force_constant)
     return value
 
 
-def reference_path(rig: Rig, times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return y*, y*' and y*'' of the rig's path at `times` [s], shape (3, len(times)); SI."""
+def plant_numbers(rig: Rig) -> dict[str, float]:
+    """Return the numbers of the rig's plant besides g, beta and y0, by symbol; SI units.
+
+    Those of :attr:`maglev_design.symbolic.plant.Plant.extras`: a lag that is no coil's has R = 1
+    and L its time constant.
+    """
+    plant, drive = rig.plant, rig.drive
+    voltage = drive.kind == "voltage"
+    known = {
+        "n_gap": plant.gap_exponent,
+        "decay": plant.decay_length,
+        "delta": plant.damping / plant.mass,
+        "L": drive.inductance if voltage else drive.lag,
+        "R": drive.resistance if voltage else 1.0,
+        "m": plant.mass,
+        "Y": rig.operating_point.gap,
+        "u0": drive.input_offset,
+    }
+    return {name: value for name, value in known.items() if value is not None}
+
+
+def on_plant(
+    program: Program, rig: Rig, *fixed: Any, moved: Mapping[str, Any] | None = None
+) -> list[Any]:
+    """Return the arguments of a plant's program: `fixed` first, then the plant's own numbers.
+
+    `moved` says which of these are not the rig's.
+    """
+    own: dict[str, Any] = {**plant_numbers(rig), **(moved or {})}
+    return [*fixed, *(own[name] for name in program.inputs[len(fixed) :])]
+
+
+def reference_path(
+    rig: Rig, times: NDArray[np.float64], derivatives: int = 2
+) -> NDArray[np.float64]:
+    """Return y*, y*' and y*'' of the rig's path at `times` [s], shape (3, len(times)); SI.
+
+    With `derivatives` 3 also y*'''.
+    """
     path = rig.reference
-    rows = reference_program().numpy()(
+    rows = reference_program(derivatives).numpy()(
         np.asarray(times, dtype=float),
         path.start_gap,
         path.end_gap,
@@ -205,10 +290,33 @@ def fastest_unstable_pole(rig: Rig) -> float:
     return math.sqrt(true_equilibrium(rig, plant_beta(rig), gap).C_Y)
 
 
-def true_equilibrium(rig: Rig, beta: float, gap: float) -> Believed:
-    """Return U, C_U and C_Y of the plant with `beta` at rest at `gap`."""
-    u, c_u, c_y = plant_program().scalar()(rig.plant.gravity, beta, rig.plant.gap_offset, gap)
-    return Believed(u, c_u, c_y, beta)
+def true_equilibrium(
+    rig: Rig, beta: float, gap: float, moved: Mapping[str, float] | None = None
+) -> Believed:
+    """Return U, C_U and C_Y of the plant with `beta` at rest at `gap`.
+
+    `moved` says which further numbers of the plant are not the rig's, by symbol.
+    """
+    program = plant_program(rig.kind)
+    offset = (moved or {}).get("y0", rig.plant.gap_offset)
+    gravity = (moved or {}).get("g", rig.plant.gravity)
+    values = on_plant(program, rig, gravity, beta, offset, gap, moved=moved)
+    voltage, c_u, c_y = program.scalar()(*values)
+    return Believed(voltage, c_u, c_y, beta)
+
+
+def tangent_matrices(
+    rig: Rig, beta: float, gap: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return A, B, C and D of the plant with `beta` at rest at `gap`, from voltage to gap.
+
+    States y_delta [m], y_delta' [m/s] and, behind a drive with a state, the current over C [V].
+    """
+    program, order = tangent_program(rig.kind), rig.kind.order
+    fixed = (rig.plant.gravity, beta, rig.plant.gap_offset, gap)
+    entries = np.array(program.scalar()(*on_plant(program, rig, *fixed)))
+    a, b = entries[: order**2].reshape(order, order), entries[order**2 :, None]
+    return a, b, np.eye(1, order), np.zeros((1, 1))
 
 
 def believed_equilibrium(
@@ -245,14 +353,17 @@ def believed_equilibrium(
             f"measured voltage that holds the ball at Y = {point.gap:g} m; measure it and write it "
             f"into the rig (K, C and m promise about {model.U:.4g} V), or take the reading 'model'"
         )
-    values = believed_program(equilibrium).scalar()(
-        plant.gravity,
-        plant_beta(rig) if beta_c is None else beta_c,
-        point.gap,
-        plant.gap_offset,
-        held or 0.0,
-    )
-    return Believed(*values)
+    program = believed_program(equilibrium, rig.kind)
+    typed = plant_beta(rig) if beta_c is None else beta_c
+    fixed = (plant.gravity, typed, point.gap, plant.gap_offset, held or 0.0)
+    held_at, c_u, c_y, beta, *behind = program.scalar()(*on_plant(program, rig, *fixed))
+    delta, tau, kappa = behind or (0.0, 0.0, 0.0)
+    found = Believed(held_at, c_u, c_y, beta, delta, tau, kappa)
+    if matching.statically_straight(rig):
+        return found
+    terms = static_series_program(rig.kind)
+    at = on_plant(terms, rig, plant.gravity, found.beta, plant.gap_offset, point.gap)
+    return replace(found, series=terms.scalar()(*at))
 
 
 def voltage_on_plant(rig: Rig, beta_plant: float) -> float:
@@ -269,7 +380,7 @@ def make_design(
     rig: Rig,
     poles: PoleSpec,
     *,
-    controller: Controller = TAN_GPI,
+    controller: Controller | None = None,
     equilibrium: Equilibrium = "model",
     method: Method | None = None,
     beta_c: float | None = None,
@@ -282,7 +393,8 @@ def make_design(
     ----------
     rig : Rig
     poles : PoleSpec
-    controller : Controller
+    controller : Controller, optional
+        Default: TAN-GPI of the order of the rig's plant.
     equilibrium : {"model", "appendix-a", "measured"}
     method : {"tustin", "euler", "zoh"}, optional
         Default: the rig's.
@@ -302,8 +414,9 @@ def make_design(
     >>> make_design(load_rig("belmonte2021"), PoleSpec.double(1, 70)).gains
     (24010000.0, 1372000.0, 29400.0, 280.0)
     """
-    method = method or rig.sampling.method
+    method, controller = method or rig.sampling.method, controller or matching.matching_law(rig)
     check_word("method", method, METHODS)
+    matching.check_law(rig, controller)
     believed = believed_equilibrium(rig, equilibrium, beta_c=beta_c, voltage=voltage)
     program = gains_program(controller)
     placed = program.scalar()(*poles.values) if gains is None else map(float, gains)
@@ -339,32 +452,11 @@ def difference_coefficients(
     return dict(zip(program.outputs, values, strict=True))
 
 
-def voltage_warning(rig: Rig) -> str | None:
-    """Return a warning where a measured voltage and K, C, m disagree; None where they do not.
-
-    The voltage that holds the ball at Y implies beta = g (Y + y0)^2/U^2, which should lie inside
-    the stated uncertainty of K C^2/m.
-    """
-    if rig.operating_point.voltage is None:
-        return None
-    implied, typed = believed_equilibrium(rig, "measured").beta, plant_beta(rig)
-    if abs(implied / typed - 1) <= rig.uncertainty.beta:
-        return None
-    return (
-        f"operating_point.voltage = {rig.operating_point.voltage:g} V implies beta = "
-        f"{implied:.4g} m^3/(s^2 V^2), {implied / typed:.3g} times K C^2/m = {typed:.4g}: outside "
-        f"uncertainty.beta = {rig.uncertainty.beta:g}; one of mass, force_constant, current_gain, "
-        "gap_offset and voltage is wrong"
-    )
-
-
 def coefficient_inputs(rig: Rig, believed: Believed) -> dict[str, float]:
     """Return what a law's coefficients are made of besides its gains, by symbol name."""
     low, high = rig.limits.voltage
     return {
-        "C_U_hat": believed.C_U,
-        "C_Y_hat": believed.C_Y,
-        "beta_c": believed.beta,
+        **believed.as_inputs(),
         "g": rig.plant.gravity,
         "Y": rig.operating_point.gap,
         "y0": rig.plant.gap_offset,
@@ -372,37 +464,3 @@ def coefficient_inputs(rig: Rig, believed: Believed) -> dict[str, float]:
         "u_min": low,
         "u_max": high,
     }
-
-
-def check_path_voltage(rig: Rig) -> None:
-    """Raise `InputError` when following the path needs a voltage outside the rig's range.
-
-    The need is that of the nonlinear plant, u = (y + y0) sqrt((g - y'')/beta), along the path and
-    at rest at the initial gap.
-    """
-    path = rig.reference
-    times = np.linspace(0.0, path.horizon, 2001)
-    gap, _, acceleration = reference_path(rig, times)
-    if float(acceleration.max()) >= rig.plant.gravity:
-        raise InputError(
-            f"reference: y*'' reaches {acceleration.max():.3g} m/s^2; a magnet that only pulls "
-            f"cannot push the ball down faster than gravity, {rig.plant.gravity} m/s^2; give the "
-            "move more time"
-        )
-    gap = np.append(gap, rig.initial.gap)
-    acceleration = np.append(acceleration, 0.0)
-    (need,) = path_voltage_program().numpy()(
-        rig.plant.gravity, plant_beta(rig), rig.plant.gap_offset, gap, acceleration
-    )
-    low, high = rig.limits.voltage
-    for worst, bad, side in (
-        (need.max(), need.max() > high, "most"),
-        (need.min(), need.min() < low, "least"),
-    ):
-        if bad:
-            at = float(gap[int(np.argmax(need) if side == "most" else np.argmin(need))])
-            raise InputError(
-                f"limits.voltage = [{low:g}, {high:g}] V: the path needs {worst:.4g} V at the gap "
-                f"{at:.4g} m, the {side} on its way; allowed is a range that contains it (or check "
-                "mass, force_constant and current_gain: their units are kg, N m^2/A^2, A/V)"
-            )

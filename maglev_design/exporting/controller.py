@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from maglev_design.controller import design as designs
+from maglev_design.controller.matching import only_papers_plant
 from maglev_design.errors import InputError
 from maglev_design.exporting.text import plain
 from maglev_design.lowering import Program
@@ -143,6 +144,7 @@ def controller_of(record: DesignRecord, prefix: str) -> ExportedController:
         this period, or when a number does not fit the targets.
     """
     rig, design = record.rig, record.design
+    only_papers_plant(rig, "export", design.controller)
     _check_law(design.controller)
     low, high = rig.limits.voltage
     if not math.isfinite(high):

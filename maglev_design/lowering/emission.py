@@ -14,6 +14,7 @@ from maglev_design.lowering.program import Operation
 
 _CALLS = {
     sp.exp: "exp",
+    sp.log: "log",
     sp.sinh: "sinh",
     sp.cosh: "cosh",
     sp.sin: "sin",
@@ -133,7 +134,10 @@ class _Builder:
                 self._power(base, sp.Rational(1, 2)),
             )
         if not exponent.is_Integer:
-            raise ValueError(f"no lowering for the power {base}**{exponent}")
+            if exponent.is_number:
+                raise ValueError(f"no lowering for the power {base}**{exponent}")
+            # of a positive base, as a force that falls with a measured exponent is written
+            return self.emit(sp.exp(exponent * sp.log(base)))
         count = int(exponent)
         if count == 1:
             return self.emit(base)

@@ -1,9 +1,9 @@
 """A straight-line program and its printings: CasADi graphs, NumPy callables, source text, JSON.
 
 Every back end performs the same operations in the same order, so that in IEEE double precision
-they agree to the last bit (C compiled with ``-ffp-contract=off``), except for ``exp``, ``sinh``,
-``cosh``, ``sin`` and ``cos``, which each language has from a library of its own, and for min and
-max of nan or of zeros of both signs.
+they agree to the last bit (C compiled with ``-ffp-contract=off``), except for ``exp``, ``log``,
+``sinh``, ``cosh``, ``sin`` and ``cos``, which each language has from a library of its own, and for
+min and max of nan or of zeros of both signs.
 """
 
 from __future__ import annotations
@@ -231,7 +231,7 @@ def _is_reserved(name: str) -> bool:
 
 
 _ARITY = {"const": 0, "neg": 1, "where": 3}
-_ARITY |= dict.fromkeys(("sqrt", "exp", "sinh", "cosh", "sin", "cos", "abs"), 1)
+_ARITY |= dict.fromkeys(("sqrt", "exp", "log", "sinh", "cosh", "sin", "cos", "abs"), 1)
 _ARITY |= dict.fromkeys(("add", "sub", "mul", "div", "min", "max", "lt", "le", "and", "or"), 2)
 """Of every operation but ``input``, how many values it reads."""
 
@@ -244,6 +244,7 @@ _NUMPY_OPERATORS: Mapping[str, Callable[..., Any]] = {
     "neg": lambda a: -a,
     "sqrt": np.sqrt,
     "exp": np.exp,
+    "log": np.log,
     "sinh": np.sinh,
     "cosh": np.cosh,
     "sin": np.sin,
@@ -278,6 +279,7 @@ def _casadi_operators() -> Mapping[str, Callable[..., Any]]:
         **_NUMPY_OPERATORS,
         "sqrt": ca.sqrt,
         "exp": ca.exp,
+        "log": ca.log,
         "sinh": ca.sinh,
         "cosh": ca.cosh,
         "sin": ca.sin,
@@ -329,7 +331,7 @@ _INFIX = {
 _SYNTAX: Mapping[Language, _Syntax] = {
     "python": _Syntax(
         _INFIX
-        | {f: f"math.{f}({{}})" for f in ("sqrt", "exp", "sinh", "cosh", "sin", "cos")}
+        | {f: f"math.{f}({{}})" for f in ("sqrt", "exp", "log", "sinh", "cosh", "sin", "cos")}
         | {
             "abs": "abs({})",
             "min": "{0} if {0} < {1} else {1}",
@@ -345,7 +347,7 @@ _SYNTAX: Mapping[Language, _Syntax] = {
     ),
     "c": _Syntax(
         _INFIX
-        | {f: f"{f}({{}})" for f in ("sqrt", "exp", "sinh", "cosh", "sin", "cos")}
+        | {f: f"{f}({{}})" for f in ("sqrt", "exp", "log", "sinh", "cosh", "sin", "cos")}
         | {
             "abs": "fabs({})",
             "min": "({0} < {1}) ? {0} : {1}",
@@ -361,7 +363,7 @@ _SYNTAX: Mapping[Language, _Syntax] = {
     ),
     "matlab": _Syntax(
         _INFIX
-        | {f: f"{f}({{}})" for f in ("sqrt", "exp", "sinh", "cosh", "sin", "cos", "abs")}
+        | {f: f"{f}({{}})" for f in ("sqrt", "exp", "log", "sinh", "cosh", "sin", "cos", "abs")}
         | {
             "min": "min({}, {})",
             "max": "max({}, {})",
@@ -376,7 +378,10 @@ _SYNTAX: Mapping[Language, _Syntax] = {
     ),
     "javascript": _Syntax(
         _INFIX
-        | {f: f"Math.{f}({{}})" for f in ("sqrt", "exp", "sinh", "cosh", "sin", "cos", "abs")}
+        | {
+            f: f"Math.{f}({{}})"
+            for f in ("sqrt", "exp", "log", "sinh", "cosh", "sin", "cos", "abs")
+        }
         | {
             "min": "{0} < {1} ? {0} : {1}",
             "max": "{0} > {1} ? {0} : {1}",

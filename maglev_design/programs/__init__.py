@@ -16,7 +16,14 @@ from maglev_design import lowering, options
 from maglev_design.cache import kept, sources
 from maglev_design.files import joint_hash
 from maglev_design.lowering import Program
-from maglev_design.options import TAN_GPI, Controller, Equilibrium, Method
+from maglev_design.options import (
+    PAPER_PLANT,
+    TAN_GPI,
+    Controller,
+    Equilibrium,
+    Method,
+    PlantKind,
+)
 
 if TYPE_CHECKING:
     from maglev_design.symbolic.laws import ControlLaw
@@ -33,7 +40,7 @@ def fingerprint() -> str:
 
 
 @cache
-def program(name: str, *arguments: str | bool | Controller) -> Program:
+def program(name: str, *arguments: str | int | Controller | PlantKind) -> Program:
     """Return the program of that name: a function of :mod:`maglev_design.programs.derived`."""
 
     def derive() -> str:
@@ -74,29 +81,46 @@ def slope_program(controller: Controller = TAN_GPI) -> Program:
     return program("slope", controller)
 
 
-def believed_program(equilibrium: Equilibrium) -> Program:
-    """Return the program (g, beta_c, Y, y0, U) -> (U_hat, C_U_hat, C_Y_hat, beta_hat)."""
-    return program("believed", equilibrium)
+def believed_program(equilibrium: Equilibrium, kind: PlantKind = PAPER_PLANT) -> Program:
+    """Return the program (g, beta_c, Y, y0, U, ...) -> (U_hat, C_U_hat, C_Y_hat, beta_hat, ...).
+
+    A plant with damping or a drive also delta_hat, tau_hat and kappa_hat. What the dots of the
+    inputs stand for, here and below, is :attr:`maglev_design.symbolic.plant.Plant.extras`.
+    """
+    return program("believed", equilibrium, kind)
 
 
-def plant_program() -> Program:
-    """Return the program (g, beta, y0, y) -> (U, C_U, C_Y) of the true equilibrium at gap y."""
-    return program("plant")
+def plant_program(kind: PlantKind = PAPER_PLANT) -> Program:
+    """Return the program (g, beta, y0, y, ...) -> (U, C_U, C_Y) of the plant at rest at gap y."""
+    return program("plant", kind)
 
 
-def beta_program() -> Program:
-    """Return the program (m, C, K) -> beta = K C^2/m."""
-    return program("beta")
+def tangent_program(kind: PlantKind = PAPER_PLANT) -> Program:
+    """Return the program (g, beta, y0, y, ...) -> A and B at rest at gap y, row by row.
+
+    The states are y, y' and, behind a drive with a state, the coil current over C.
+    """
+    return program("tangent", kind)
 
 
-def path_voltage_program() -> Program:
-    """Return the program (g, beta, y0, y, y'') -> the voltage that following the path needs."""
-    return program("path_voltage")
+def beta_program(kind: PlantKind = PAPER_PLANT) -> Program:
+    """Return the program (m, C, K) -> beta = K C^p/m."""
+    return program("beta", kind)
 
 
-def reference_program() -> Program:
-    """Return the program (t, start_gap, end_gap, start_time, end_time) -> (y*, y*', y*'')."""
-    return program("reference")
+def path_voltage_program(kind: PlantKind = PAPER_PLANT) -> Program:
+    """Return the program (g, beta, y0, y, [y',] y'', ...) -> the voltage that the path needs."""
+    return program("path_voltage", kind)
+
+
+def static_series_program(kind: PlantKind) -> Program:
+    """Return the program (g, beta, y0, Y, ...) -> coefficients of the static voltage at Y."""
+    return program("static_series", kind)
+
+
+def reference_program(derivatives: int = 2) -> Program:
+    """Return the program (t, start_gap, end_gap, start_time, end_time) -> (y*, y*', y*'', ...)."""
+    return program("reference", derivatives)
 
 
 def peak_program() -> Program:
@@ -104,9 +128,37 @@ def peak_program() -> Program:
     return program("peak")
 
 
-def acceleration_program() -> Program:
-    """Return the program (g, beta, gap + y0 as y, u) -> acceleration of the plant (4)."""
-    return program("acceleration")
+def acceleration_program(kind: PlantKind = PAPER_PLANT) -> Program:
+    """Return the program (g, beta, y0, y, u, ...) -> acceleration of the plant (4) [m/s^2]."""
+    return program("acceleration", kind)
+
+
+def drive_program(kind: PlantKind) -> Program:
+    """Return the program (u_coil, u, ...) -> rate of u_coil, the coil current over C [V/s]."""
+    return program("drive", kind)
+
+
+def inductance_program(kind: PlantKind) -> Program:
+    """Return the program (y, beta, y0, ...) -> inductance of the coil at a gap [H]."""
+    return program("inductance", kind)
+
+
+def conditions_program(order: int) -> Program:
+    """Return the program (a_{n-1}, ..., a_0) -> the first column of its Routh array."""
+    return program("conditions", order)
+
+
+def sampled_core_program(method: Method, controller: Controller = TAN_GPI) -> Program:
+    """Return the program (coefficients of the step) -> A, B, C, D, R of the core, row by row.
+
+    R is what the law reads of gap and velocity, one row an input.
+    """
+    return program("sampled_core", method, controller)
+
+
+def continuous_core_program(controller: Controller = TAN_GPI) -> Program:
+    """Return the program (believed coefficients, gains) -> A, B, C, D, R of the continuous core."""
+    return program("continuous_core", controller)
 
 
 def metrics_program(crossing: bool = True) -> Program:
@@ -115,11 +167,6 @@ def metrics_program(crossing: bool = True) -> Program:
     Without `crossing` for steps at whose ends the error has one sign.
     """
     return program("metrics", crossing)
-
-
-def coil_program() -> Program:
-    """Return the program (u_coil, u, L, R) -> rate of u_coil, the coil current over C."""
-    return program("coil")
 
 
 def step_program(method: Method, controller: Controller = TAN_GPI) -> Program:

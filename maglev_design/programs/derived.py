@@ -5,22 +5,24 @@ Inputs and outputs of each are described where it is fetched: :mod:`maglev_desig
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from functools import cache
 
 import sympy as sp
 
 from maglev_design.lowering import Program, lower
-from maglev_design.options import Controller, Equilibrium, Method
+from maglev_design.options import PAPER_PLANT, Controller, Equilibrium, Method, PlantKind
 from maglev_design.symbolic import laws, sampling, stability
 from maglev_design.symbolic import metrics as quadratures
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic import reference as paths
-from maglev_design.symbolic.flatness import flat_model
+from maglev_design.symbolic.flatness import flat_model, path_input
 from maglev_design.symbolic.linearisation import (
     believed_beta,
     believed_coefficients,
+    believed_drive,
     linearise,
+    tangent_at_rest,
 )
 
 POLES = (p.zeta_1, p.omega_1, p.zeta_2, p.omega_2)
@@ -52,10 +54,10 @@ def gain_expressions(controller: Controller) -> Mapping[sp.Symbol, sp.Expr]:
     """Return a law's gains, in its order, in (zeta_1, omega_1, zeta_2, omega_2)."""
     first, second = POLES[:2], POLES[2:]
     order = laws.closed_loop_order(controller)
-    if order == 4:
-        desired = laws.pole_pairs_polynomial([first, second])
-    else:
+    if order == 3:
         desired = laws.pole_pairs_polynomial([first]) * (p.s + p.omega_2)
+    else:  # the second pair as often as the order asks for
+        desired = laws.pole_pairs_polynomial([first, *[second] * (order // 2 - 1)])
     matched = laws.match_coefficients(desired, order)
     known = dict(zip(law(controller).gains, matched, strict=False))
     known |= {laws.omega_f: sp.Rational(repr(controller.filter)) * p.omega_2}
@@ -81,12 +83,53 @@ def _own_constants(expressions: Iterable[sp.Expr]) -> list[sp.Symbol]:
     return [symbol for symbol in (p.beta_c, p.g, p.Y, p.y0) if symbol in used]
 
 
+HATS = (p.C_U_hat, p.C_Y_hat, p.delta_hat, p.tau_hat, p.kappa_hat, *laws.STATIC)
+"""Of these a law's coefficients are made where it is one for a plant other than the paper's."""
+
+
+def _hats(expressions: Iterable[sp.Expr]) -> list[sp.Symbol]:
+    """Return C_U^, C_Y^ and which further coefficients of its plant a law reckons with."""
+    used = {symbol for expression in expressions for symbol in expression.free_symbols}
+    return [x for x in HATS if x in HATS[:2] or x in used]
+
+
+def _believed(expressions: Mapping[sp.Symbol, sp.Expr]) -> dict[sp.Symbol, sp.Expr]:
+    return {letter: stability.believed(x) for letter, x in expressions.items()}
+
+
 def coefficients(method: Method, controller: Controller) -> Program:
     """Return the coefficients of the difference equation."""
-    wanted = equation(method, controller).coefficients
-    own = _own_constants(wanted.values())
-    inputs = (p.C_U_hat, p.C_Y_hat, *own, p.T, laws.u_min, laws.u_max, *law(controller).gains)
-    return lower(inputs, {s.name: stability.believed(x) for s, x in wanted.items()})
+    wanted = _believed(equation(method, controller).coefficients)
+    own = law(controller)
+    letters = _believed(own.definitions)
+    every = (*wanted.values(), *letters.values())
+    inputs = (*_hats(every), *_own_constants(every), p.T, laws.u_min, laws.u_max, *own.gains)
+    return lower(inputs, {s.name: x for s, x in wanted.items()}, letters)
+
+
+def sampled_core(method: Method, controller: Controller) -> Program:
+    """Return the matrices of a law's sampled core in the coefficients of its step."""
+    named_matrices, letters = core(method, controller)
+    return lower(tuple(letters), _entries(named_matrices, law(controller)))
+
+
+def continuous_core(controller: Controller) -> Program:
+    """Return the matrices of a law's continuous core."""
+    own = law(controller)
+    letters = _believed(own.definitions)
+    parts = _entries(own.core, own)
+    wanted = {name: stability.believed(x) for name, x in parts.items()}
+    every = (*wanted.values(), *letters.values())
+    return lower((*_hats(every), *_own_constants(every), *own.gains), wanted, letters)
+
+
+def _entries(matrices: laws.StateSpace, own: laws.ControlLaw) -> dict[str, sp.Expr]:
+    """Return the entries of a core by name, row by row: A0, A1, ..., B0, ..., C0, ..., D0, ...
+
+    R is what the law reads of gap and velocity, one row an input.
+    """
+    reads = [sp.diff(r, x) for r in own.inputs for x in (p.y, p.v)]
+    return named(A=matrices.A, B=matrices.B, C=matrices.C, D=matrices.D, R=reads)
 
 
 def slope(controller: Controller) -> Program:
@@ -96,47 +139,83 @@ def slope(controller: Controller) -> Program:
     return lower(inputs, {"slope": own.slope, "loop_gain": stability.believed(own.loop_gain)})
 
 
-def believed(equilibrium: Equilibrium) -> Program:
+def believed(equilibrium: Equilibrium, kind: PlantKind) -> Program:
     """Return what a controller believes under a reading of the equilibrium."""
-    levitation = p.magnetic_levitation()
+    levitation = p.magnetic_levitation(kind)
     known = believed_coefficients(levitation, linearise(levitation), equilibrium)
-    names = ("U_hat", "C_U_hat", "C_Y_hat", "beta_hat")
-    values = (*known, believed_beta(levitation, equilibrium))
-    return lower((p.g, p.beta_c, p.Y, p.y0, p.U), dict(zip(names, values, strict=True)))
+    held, c_u, c_y = known
+    values = {
+        "U_hat": held,
+        "C_U_hat": c_u,
+        "C_Y_hat": c_y,
+        "beta_hat": believed_beta(levitation, equilibrium),
+    }
+    if kind.order > 2 or kind.damped:
+        own = held - p.u0 if kind.offset else held
+        drive = believed_drive(levitation, c_u, own)
+        values |= dict(zip(("delta_hat", "tau_hat", "kappa_hat"), drive, strict=True))
+    return lower((p.g, p.beta_c, p.Y, p.y0, p.U, *_extras(levitation)), values)
 
 
-def plant() -> Program:
-    """Return the true equilibrium and its linearisation."""
-    levitation = p.magnetic_levitation()
+def _extras(levitation: p.Plant) -> list[sp.Symbol]:
+    """Return the plant's further numbers, but for the gap Y of the design, which is asked for."""
+    return [x for x in levitation.extras if x != p.Y]
+
+
+def plant(kind: PlantKind) -> Program:
+    """Return the true equilibrium and the two coefficients of its linearisation."""
+    levitation = p.magnetic_levitation(kind)
     local = linearise(levitation)
     voltage = levitation.equilibrium_voltage.subs(p.Y, p.y)
     return lower(
-        (p.g, p.beta, p.y0, p.y),
+        (p.g, p.beta, p.y0, p.y, *levitation.extras),
         {
             "U": voltage,
-            "C_U": local.C_U_rest.subs(p.U, voltage),
+            "C_U": local.C_U_rest.subs(p.U, voltage).subs(p.Y, p.y),
             "C_Y": local.C_Y_rest.subs(p.Y, p.y),
         },
     )
 
 
-def beta() -> Program:
+def tangent(kind: PlantKind) -> Program:
+    """Return A and B of the plant at rest at a gap."""
+    levitation = p.magnetic_levitation(kind)
+    local = tangent_at_rest(levitation)
+    return lower((p.g, p.beta, p.y0, p.y, *levitation.extras), named(A=local.A, B=local.B))
+
+
+def beta(kind: PlantKind) -> Program:
     """Return beta of the rig's mass and constants."""
-    return lower((p.m, p.C, p.K), {"beta": p.magnetic_levitation().beta})
+    return lower((p.m, p.C, p.K), {"beta": p.magnetic_levitation(kind).beta})
 
 
-def path_voltage() -> Program:
+def path_voltage(kind: PlantKind) -> Program:
     """Return the voltage that following the path needs."""
-    levitation = p.magnetic_levitation()
-    flat = flat_model(levitation, linearise(levitation))
-    return lower((p.g, p.beta, p.y0, p.y, p.acc), {"u": flat.nonlinear_input})
+    levitation = p.magnetic_levitation(kind)
+    if kind == PAPER_PLANT:
+        needed = flat_model(levitation, linearise(levitation)).nonlinear_input
+        return lower((p.g, p.beta, p.y0, p.y, p.acc), {"u": needed})
+    inputs = [p.g, p.beta, p.y0, p.y, p.v, p.acc, *levitation.extras]
+    inputs += [p.jerk_ref] * (kind.order > 2)
+    return lower(inputs, {"u": path_input(levitation)})
 
 
-def reference() -> Program:
+def static_series(kind: PlantKind) -> Program:
+    """Return the power series of the static voltage around Y."""
+    levitation = p.magnetic_levitation(kind)
+    held, terms, factorial = levitation.equilibrium_voltage, {}, 1
+    for n, letter in enumerate(laws.STATIC, 1):
+        held, factorial = sp.diff(held, p.Y), factorial * n
+        terms[letter.name] = sp.simplify(held) / factorial
+    return lower((p.g, p.beta, p.y0, p.Y, *_extras(levitation)), terms)
+
+
+def reference(derivatives: int) -> Program:
     """Return the path and its derivatives."""
-    gap, velocity, acceleration = paths.rest_to_rest(paths.bezier_step())
+    rows = paths.rest_to_rest(paths.bezier_step(), derivatives)
     inputs = (p.t, paths.start_gap, paths.end_gap, paths.start_time, paths.end_time)
-    return lower(inputs, {"y_ref": gap, "v_ref": velocity, "acc_ref": acceleration})
+    names = ("y_ref", "v_ref", "acc_ref", "jerk_ref")
+    return lower(inputs, dict(zip(names, rows, strict=False)))
 
 
 def peak() -> Program:
@@ -145,10 +224,12 @@ def peak() -> Program:
     return lower(inputs, {"peak": paths.peak_acceleration(paths.bezier_step())})
 
 
-def acceleration() -> Program:
+def acceleration(kind: PlantKind) -> Program:
     """Return the acceleration of the plant."""
-    levitation = p.magnetic_levitation()
-    return lower((p.g, p.beta, p.y0, p.y, p.u), {"acc": levitation.acceleration})
+    levitation = p.magnetic_levitation(kind)
+    inputs = [p.g, p.beta, p.y0, p.y, p.u, *levitation.extras]
+    inputs += [p.v] * kind.damped
+    return lower(inputs, {"acc": levitation.acceleration})
 
 
 def routh(controller: Controller) -> Program:
@@ -162,7 +243,7 @@ def routh(controller: Controller) -> Program:
     return lower(inputs, outputs, dict(zip(letters, polynomial, strict=True)))
 
 
-def _array(letters: Sequence[sp.Symbol]) -> tuple[tuple[sp.Expr, ...], ...]:
+def _array(letters: list[sp.Symbol]) -> tuple[tuple[sp.Expr, ...], ...]:
     return stability.routh_array([sp.Integer(1), *letters[1:]])
 
 
@@ -190,9 +271,27 @@ def metrics(crossing: bool) -> Program:
     return lower(inputs, outputs, steps.definitions)
 
 
-def coil() -> Program:
-    """Return the rate of the emulated coil."""
-    return lower((p.u_coil, p.u, p.L, p.R), {"rate": p.magnetic_levitation().coil_rate})
+def drive(kind: PlantKind) -> Program:
+    """Return the rate of the drive's state."""
+    levitation = p.magnetic_levitation(kind)
+    inputs = [p.u_coil, p.u]
+    if kind.actuation == "coil":
+        inputs += [p.y, p.v, p.beta, p.y0]
+    return lower((*inputs, *levitation.extras), {"rate": levitation.drive_rate})
+
+
+def inductance(kind: PlantKind) -> Program:
+    """Return the inductance of the coil."""
+    levitation = p.magnetic_levitation(kind)
+    inputs = (p.y, p.beta, p.y0, *levitation.extras)
+    return lower(inputs, {"inductance": levitation.inductance})
+
+
+def conditions(order: int) -> Program:
+    """Return the first column of the Routh array of s^n + a_{n-1} s^(n-1) + ... + a_0."""
+    letters = [sp.Symbol(f"a{n}") for n in range(order - 1, -1, -1)]
+    rows = stability.routh_array([sp.Integer(1), *letters], simple=False)
+    return lower(letters, named(condition=[row[0] for row in rows[1:]]))
 
 
 def step(method: Method, controller: Controller) -> Program:
@@ -216,7 +315,10 @@ def bumpless(method: Method, controller: Controller) -> Program:
 def feedforward(method: Method, controller: Controller) -> Program:
     """Return the clamped voltage at w = 0."""
     own = equation(method, controller)
-    inputs = [p.y_ref, p.acc_ref, *_FIXED, *own.coefficients]
+    read = [x for x in own.signals if x not in (p.y, p.v)]
+    if not controller.of_other_plant:
+        read = [p.y_ref, p.acc_ref]
+    inputs = [*read, *_FIXED, *own.coefficients]
     return lower(inputs, {"applied": sampling.clamp(own.feedforward)})
 
 
@@ -231,13 +333,14 @@ def continuous(controller: Controller) -> Program:
     """Return the continuous law's rates and command."""
     own = law(controller)
     rates, command = sampling.continuous_equation(own)
+    letters = _believed(own.definitions)
+    every = [stability.believed(x) for x in (*rates, command)] + [*letters.values()]
     read = command.free_symbols | rates[0].free_symbols
     inputs = [
         *own.states,
         *sampling.signals(own),
         *_FIXED,
-        p.C_U_hat,
-        p.C_Y_hat,
+        *_hats(every),
         *[x for x in (p.beta_c, p.g, p.y0) if x in read],
         *own.gains,
     ]
@@ -246,7 +349,7 @@ def continuous(controller: Controller) -> Program:
         for state, rate in zip(own.states, rates, strict=True)
     }
     outputs["commanded"] = sampling.commanded
-    return lower(inputs, outputs, {sampling.commanded: stability.believed(command)})
+    return lower(inputs, outputs, letters | {sampling.commanded: stability.believed(command)})
 
 
 def hurwitz(controller: Controller) -> Program:
@@ -256,6 +359,6 @@ def hurwitz(controller: Controller) -> Program:
     return lower(inputs, named(share=stability.hurwitz_shares(own)))
 
 
-def named(**groups: Sequence[sp.Expr]) -> dict[str, sp.Expr]:
+def named(**groups: Iterable[sp.Expr]) -> dict[str, sp.Expr]:
     """Return the entries of groups by the name of the group and their number."""
     return {f"{name}{n}": x for name, group in groups.items() for n, x in enumerate(group)}

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from pydantic import BaseModel, Field, model_validator
 
+from maglev_design.options import Actuation, PlantKind
 from maglev_design.rig.sections import (
     MOST_DELAYED_PERIODS,
+    Drive,
     Emulator,
     InitialState,
     Limits,
@@ -20,7 +22,7 @@ from maglev_design.rig.sections import (
     Section,
     fault,
 )
-from maglev_design.rig.uncertainty import Uncertainty, beyond
+from maglev_design.rig.uncertainty import DRAWN, Uncertainty, beyond
 
 MOST_SAMPLES = 1_000_000
 """Samples in one closed loop, so that a period typed in microseconds cannot fill the memory."""
@@ -33,10 +35,13 @@ class Rig(Section):
     the ball starts at rest at Y; without ``[reference]`` it is held at Y for one second.
     """
 
+    sparse: ClassVar[frozenset[str]] = frozenset({"drive"})
+
     name: str = Field(default="unnamed rig", max_length=200, description="name of the rig [-]")
     source: str = Field(default="", max_length=2000, description="where the values are from [-]")
     notes: str = Field(default="", max_length=4000, description="what they do not claim [-]")
     plant: PlantParameters
+    drive: Drive = Drive()
     operating_point: OperatingPoint
     initial: InitialState
     reference: ReferencePath
@@ -60,6 +65,109 @@ class Rig(Section):
             hold = {"start_gap": gap, "end_gap": gap, "start_time": 0.0}
             data.setdefault("reference", hold | {"end_time": 1.0, "horizon": 1.0})
         return data
+
+    @property
+    def current_gain(self) -> float:
+        """C [A/V], for a coil under voltage 1/R."""
+        if self.drive.resistance is not None:
+            return 1 / self.drive.resistance
+        gain = self.plant.current_gain or self.drive.current_gain
+        assert gain is not None  # noqa: S101 - validation lets none through
+        return gain
+
+    def stated(self, name: str) -> float:
+        """Return the rig's value of what a key of ``[uncertainty]`` spreads; 0 if it has none."""
+        if name == "current_gain":
+            return self.current_gain
+        model, field = DRAWN[name]
+        (section,) = (
+            x for x in (self.plant, self.drive, self.initial, self.noise) if type(x) is model
+        )
+        return float(getattr(section, field) or 0.0)
+
+    @property
+    def kind(self) -> PlantKind:
+        """What the plant is made of; what is only uncertain, and 0 in the file, is part of it."""
+        plant, drive, spread = self.plant, self.drive, self.uncertainty
+        lags = bool(drive.lag) or spread.lag is not None
+        actuation: Actuation = "lag" if lags else "ideal"
+        if drive.kind == "voltage":
+            actuation = "coil" if drive.inductance_law == "energy" else "lag"
+        return PlantKind(
+            plant.force_law,
+            plant.current_exponent,
+            actuation,
+            damped=bool(plant.damping) or spread.damping is not None,
+            offset=bool(drive.input_offset) or spread.input_offset is not None,
+        )
+
+    @model_validator(mode="after")
+    def _one_current_gain(self) -> Self:
+        """Refuse two statements of C, and none."""
+        given = {
+            name: value
+            for name, value in (
+                ("plant.current_gain", self.plant.current_gain),
+                ("drive.current_gain", self.drive.current_gain),
+                ("drive.resistance", self.drive.resistance),
+            )
+            if value is not None
+        }
+        if not given:
+            raise fault(
+                "plant.current_gain",
+                None,
+                "required: `C` [A/V], coil current per input voltage (or give [drive] with kind = "
+                "'voltage' and the resistance [ohm])",
+            )
+        if len(given) > 1:
+            last = list(given)[-1]
+            why = "under voltage drive the current gain is 1/R; leave plant.current_gain out"
+            if last == "drive.current_gain":
+                why = "the current gain stands twice; leave one of the two out"
+            raise fault(last, given[last], f"given beside {next(iter(given))}: {why}")
+        return self
+
+    @model_validator(mode="after")
+    def _actuator_range(self) -> Self:
+        """Refuse a voltage that attracts again where the force is even in it."""
+        low = self.limits.voltage[0]
+        if low < 0 and self.kind.exponent == 2 and self.kind.actuation == "ideal":
+            net = low - self.drive.input_offset
+            if net < 0:
+                raise fault(
+                    "limits.voltage",
+                    low,
+                    f"the lower end must be {max(0.0, self.drive.input_offset):g} V or more (the "
+                    "plant sees u^2, a negative voltage attracts too)",
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _in_front_of_the_magnet(self) -> Self:
+        """Refuse gaps at which y + y0 is not positive."""
+        if self.plant.force_law == "exponential":
+            return self
+        offset, (low, _) = self.plant.gap_offset, self.limits.gap
+        spread = self.uncertainty.gap_offset
+        least = min((offset, *(spread.reach if spread is not None else ())))
+        gaps = {
+            "operating_point.gap": self.operating_point.gap,
+            "initial.gap": self.initial.gap,
+            "reference.start_gap": self.reference.start_gap,
+            "reference.end_gap": self.reference.end_gap,
+        }
+        if low > 0:
+            gaps["limits.gap"] = low
+        for field, gap in gaps.items():
+            if gap + least <= 0:
+                raise fault(
+                    field,
+                    gap,
+                    f"must be above {-least:g} m, because the magnetic gap y + y0 with "
+                    f"plant.gap_offset = {least:g} m has to be positive",
+                )
+        return self
 
     @model_validator(mode="after")
     def _inside_the_limits(self) -> Self:

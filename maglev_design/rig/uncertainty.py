@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from maglev_design.rig.sections import (
+    Drive,
     InitialState,
     Noise,
     Number,
@@ -109,6 +110,11 @@ DRAWN: MappingProxyType[str, tuple[type[Section], str]] = MappingProxyType(
         "initial_velocity": (InitialState, "velocity"),
         "input_noise": (Noise, "input"),
         "position_noise": (Noise, "position"),
+        "damping": (PlantParameters, "damping"),
+        "lag": (Drive, "lag"),
+        "resistance": (Drive, "resistance"),
+        "inductance": (Drive, "inductance"),
+        "input_offset": (Drive, "input_offset"),
     }
 )
 """The keys of ``[uncertainty]`` besides beta, and whose value each of them spreads."""
@@ -183,6 +189,11 @@ class Uncertainty(Section):
     initial_velocity: Spread | None = _drawn("initial_velocity")
     input_noise: Spread | None = _drawn("input_noise")
     position_noise: Spread | None = _drawn("position_noise")
+    damping: Spread | None = _drawn("damping")
+    lag: Spread | None = _drawn("lag")
+    resistance: Spread | None = _drawn("resistance")
+    inductance: Spread | None = _drawn("inductance")
+    input_offset: Spread | None = _drawn("input_offset")
 
     @model_validator(mode="before")
     @classmethod

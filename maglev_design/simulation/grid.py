@@ -8,7 +8,7 @@ needs none.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any
@@ -19,10 +19,13 @@ from numpy.typing import NDArray
 from maglev_design.controller import design as designs
 from maglev_design.controller.timing import Timing, timing
 from maglev_design.errors import InputError, check_numbers, check_word
-from maglev_design.options import METHODS, TAN_GPI, Controller, Method
+from maglev_design.options import METHODS, TAN_GPI, Controller, Method, PlantKind
 from maglev_design.programs import (
+    acceleration_program,
     coefficients_program,
     continuous_program,
+    drive_program,
+    inductance_program,
     start_program,
     step_program,
 )
@@ -35,9 +38,9 @@ STEP_PER_TIME_CONSTANT = 0.1
 CONTACT = 1e-3
 """Share of Y at which a ball counts as touching the magnet when the rig gives no lower limit."""
 
-PLANT_NAMES = ("beta", "g", "y0", "gap_low", "gap_high")
+PLANT_NAMES = ("beta", "g", "y0", "gap_low", "gap_high", "floor")
 COIL = "u_coil"
-"""Row of the emulated coil: its current over C [V]."""
+"""Row of the drive's state: the coil current over C [V]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +52,8 @@ class LoopGraph:
     Attributes
     ----------
     rig : Rig
+    kind : PlantKind
+        Of the plant that runs: the rig's, behind a coil where ``[emulator]`` adds one.
     method : str or None
         None for the continuous controller.
     state_names, parameter_names : tuple of str
@@ -70,10 +75,11 @@ class LoopGraph:
         For every period its inputs, shape (N, n_inputs), and for every integration step its
         start [s] and its part of the run (0 before the move, 1 the move, 2 after it).
     start : tuple of float
-        y*, y*' and y*'' at t = 0 [SI].
+        y*, y*' and y*'' at t = 0 [SI], and y*''' where the law reads it.
     """
 
     rig: Rig
+    kind: PlantKind
     method: Method | None
     state_names: tuple[str, ...]
     parameter_names: tuple[str, ...]
@@ -85,7 +91,12 @@ class LoopGraph:
     timing: Timing
     substeps: tuple[int, int]
     tables: tuple[Array, Array, NDArray[np.uint8]]
-    start: tuple[float, float, float]
+    start: tuple[float, ...]
+
+    @property
+    def reference_names(self) -> tuple[str, ...]:
+        """What is known of the reference at a node: y*, y*', y*'' and, where it is read, y*'''."""
+        return reference_names(self.controller)
 
     @property
     def pieces(self) -> int:
@@ -101,11 +112,21 @@ class LoopGraph:
     def structure(self) -> str:
         """All that the functions of the loop are made from, but for the grid, as text."""
         parts = (self.method, self.controller, self.timing.whole, self.timing.held, self.substeps)
-        return repr((*parts, self.emulator, self.directions))
+        return repr((*parts, self.kind, self.emulator, self.directions))
 
 
-SIGNALS = ("y", "v", "y_ref", "v_ref", "acc_ref")
+SIGNALS = ("y", "v", "y_ref", "v_ref", "acc_ref", "jerk_ref")
 """What a law may read at a sample; which of them it does, its programs say."""
+
+
+def reference_names(controller: Controller = TAN_GPI) -> tuple[str, ...]:
+    """Return the rows of the reference that a loop with this law needs."""
+    return SIGNALS[2:6] if controller.plant_order > 2 else SIGNALS[2:5]
+
+
+def reference_rows(rig: Rig, times: Array, controller: Controller = TAN_GPI) -> Array:
+    """Return the rows :func:`reference_names` at `times` [s], SI units."""
+    return designs.reference_path(rig, times, len(reference_names(controller)) - 1)
 
 
 def signal_names(controller: Controller = TAN_GPI) -> tuple[str, ...]:
@@ -130,7 +151,37 @@ def pole_names(method: Method | None, controller: Controller = TAN_GPI) -> froze
 
 def contact_gap(rig: Rig) -> float:
     """Return the gap at which the ball counts as touching the magnet [m]."""
-    return max(rig.limits.gap[0], CONTACT * rig.operating_point.gap)
+    offset = min(rig.plant.gap_offset, 0.0)
+    least = CONTACT * (rig.operating_point.gap + offset) - offset
+    return max(rig.limits.gap[0], least)
+
+
+def floor_gap(rig: Rig) -> float:
+    """Return the gap off which a ball that has crashed is kept, half of the magnetic gap there [m].
+
+    So that a crash never divides by zero.
+    """
+    offset = min(rig.plant.gap_offset, 0.0)
+    return (contact_gap(rig) + offset) / 2 - offset
+
+
+def kind_of(rig: Rig, *, emulate: bool) -> PlantKind:
+    """Return the kind of plant that runs; the coil of ``[emulator]`` is one without back-EMF.
+
+    A coil or a lag of ``[drive]`` stands for that of ``[emulator]``.
+    """
+    own = rig.kind
+    if emulate and rig.emulator.time_constant and own.order == 2:
+        return replace(own, actuation="lag")
+    return own
+
+
+def drive_numbers(rig: Rig, *, emulate: bool) -> dict[str, float]:
+    """Return the numbers of the plant that runs, by symbol; see :func:`kind_of`."""
+    numbers = designs.plant_numbers(rig)
+    if kind_of(rig, emulate=emulate) != rig.kind:
+        numbers |= {"L": rig.emulator.inductance, "R": rig.emulator.resistance}
+    return numbers
 
 
 @lru_cache(maxsize=64)
@@ -171,8 +222,8 @@ def build(
     smallest = float(designs.path_gaps(rig, 2)[0])
     unstable = designs.true_equilibrium(rig, designs.plant_beta(rig), smallest).C_Y
     emulator = rig.emulator if emulate else None
-    coil = emulator.time_constant if emulator else 0.0
-    rate = max(math.sqrt(2 * unstable), fastest, 1 / coil if coil else 0.0)
+    kind = kind_of(rig, emulate=emulate)
+    rate = max(math.sqrt(2 * unstable), fastest, _drive_speed(rig, kind, emulate=emulate))
 
     def substeps(duration: float) -> int:
         return refine * math.ceil(duration * rate / STEP_PER_TIME_CONSTANT) if duration else 0
@@ -182,16 +233,18 @@ def build(
     durations = _durations(np.diff(times), when.part, pieces)
     halves = method is None
     nodes = _nodes(times[:-1], durations, halves)
-    reference = designs.reference_path(rig, nodes.ravel()).reshape(3, *nodes.shape)
+    reference = reference_rows(rig, nodes.ravel(), controller).reshape(-1, *nodes.shape)
     stacked = np.concatenate([durations, reference.transpose(0, 2, 1).reshape(-1, len(times) - 1)])
     ends = (times[:-1] + np.cumsum(durations, axis=0)).ravel(order="F")
     held = tuple(f"held_{n}" for n in range(when.held))
-    own = (*start_program(controller).outputs, *((COIL,) if coil else ()))
+    own = (*start_program(controller).outputs, *((COIL,) if kind.order > 2 else ()))
+    names = (*controller_names(method, controller), *PLANT_NAMES, *plant_names(kind))
     return LoopGraph(
         rig,
+        kind,
         method,
         ("y", "v", *own, *held, "alive"),
-        tuple(dict.fromkeys((*controller_names(method, controller), *PLANT_NAMES))),
+        tuple(dict.fromkeys(names)),
         times,
         ends,
         directions,
@@ -202,6 +255,32 @@ def build(
         _tables(rig, stacked, ends, durations.ravel(order="F")),
         tuple(reference[:, 0, 0].tolist()),
     )
+
+
+def plant_names(kind: PlantKind) -> tuple[str, ...]:
+    """Return the numbers of a kind of plant besides g, beta and y0, by symbol."""
+    known = ("g", "beta", "y0", "y", "u", "v")
+    return tuple(name for name in _plant_inputs(kind) if name not in known)
+
+
+def _plant_inputs(kind: PlantKind) -> tuple[str, ...]:
+    read = acceleration_program(kind).inputs
+    return read if kind.order == 2 else (*read, *drive_program(kind).inputs[2:])
+
+
+def _drive_speed(rig: Rig, kind: PlantKind, *, emulate: bool) -> float:
+    """Return the fastest R/L of the plant on its path [1/s]; 0 without a state of the drive."""
+    if kind.order == 2:
+        return 0.0
+    program, beta = inductance_program(kind), designs.plant_beta(rig)
+    numbers = drive_numbers(rig, emulate=emulate)
+    least = min(
+        program.scalar()(
+            *designs.on_plant(program, rig, float(gap), beta, rig.plant.gap_offset, moved=numbers)
+        )[0]
+        for gap in designs.path_gaps(rig, 2)
+    )
+    return numbers["R"] / least
 
 
 def _tables(

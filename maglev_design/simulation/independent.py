@@ -19,17 +19,28 @@ from numpy.typing import NDArray
 
 from maglev_design.controller import design as designs
 from maglev_design.controller.timing import timing
+from maglev_design.options import Controller
 from maglev_design.programs import (
     acceleration_program,
     continuous_program,
+    drive_program,
     reference_program,
     start_program,
     step_program,
 )
 from maglev_design.rig import Rig
-from maglev_design.simulation.grid import LoopGraph, contact_gap, signal_names
+from maglev_design.simulation.grid import (
+    COIL,
+    LoopGraph,
+    contact_gap,
+    floor_gap,
+    reference_names,
+    reference_rows,
+    signal_names,
+)
 from maglev_design.simulation.scenario import (
     Scenario,
+    at_rest,
     held_voltage,
     noise_samples,
     parameter_vector,
@@ -81,17 +92,21 @@ def resimulate(
     period, horizon = rig.sampling.period, rig.reference.horizon
     count = math.ceil(round(horizon / period, 9))
     times: Array = np.arange(count, dtype=float) * period
-    samples = designs.reference_path(rig, times)
+    samples = reference_rows(rig, times, design.controller)
+    names = reference_names(design.controller)
     noise = noise_samples(rig, scenario, count)
-    integrator = _integrator(rig, scenario, lambda _x, _reference, voltage: (voltage, ()))
+    integrator = _integrator(
+        rig, scenario, design.controller, lambda _x, _reference, voltage: (voltage, ())
+    )
     state = [scenario.initial_gap, scenario.initial_velocity, 0.0, 0.0, 0.0]
-    memory, first = _start(rig, design, scenario, float(noise[1, 0]))
+    memory, first, current = _start(rig, design, scenario, float(noise[1, 0]))
+    state += current
     pending = deque([first] * when.held)
     run_step = controller or own_step(rig, design, memory)
     peak, inside = -math.inf, (contact_gap(rig), rig.limits.gap[1])
     for k in range(count):
         start, end = times[k], min(times[k] + period, horizon)
-        sample = dict(zip(("y_ref", "v_ref", "acc_ref"), samples[:, k], strict=True))
+        sample = dict(zip(names, samples[:, k], strict=True))
         sample |= {"y": state[0] + noise[1, k], "v": state[1]}
         commanded, applied = run_step(sample)
         peak = max(peak, commanded)
@@ -123,11 +138,12 @@ def resimulate_continuous(
     numbers = parameter_vector(loop, design, scenario).tolist()
     fixed = dict(zip(loop.parameter_names, numbers, strict=True))
     low, high = fixed["u_min"], fixed["u_max"]
-    own = start_program(design.controller).outputs
+    own, names = start_program(design.controller).outputs, reference_names(design.controller)
+    behind = 5 + (rig.kind.order - 2)  # the law's states stand behind the plant's
 
     def command(x: Any, reference: Sequence[float], noisy: float) -> tuple[Sequence[float], float]:
-        known = fixed | dict(zip(("y_ref", "v_ref", "acc_ref"), reference, strict=True))
-        known |= {"y": x[0] + noisy, "v": x[1], **dict(zip(own, x[5:], strict=True))}
+        known = fixed | dict(zip(names, reference, strict=True))
+        known |= {"y": x[0] + noisy, "v": x[1], **dict(zip(own, x[behind:], strict=True))}
         *moved, commanded = run_law(*[known[name] for name in law.inputs])
         return moved, commanded
 
@@ -135,10 +151,11 @@ def resimulate_continuous(
         moved, commanded = command(x, reference, held[1])
         return min(max(commanded, low), high) + held[0], moved
 
-    integrator = _integrator(rig, scenario, drive)
-    memory, _ = _start(rig, design, scenario, float(noise[1, 0]))
-    state: Any = [scenario.initial_gap, scenario.initial_velocity, 0.0, 0.0, 0.0, *memory]
-    samples = designs.reference_path(rig, loop.times)
+    integrator = _integrator(rig, scenario, design.controller, drive)
+    memory, _, current = _start(rig, design, scenario, float(noise[1, 0]))
+    state: Any = [scenario.initial_gap, scenario.initial_velocity, 0.0, 0.0, 0.0]
+    state += [*current, *memory]
+    samples = reference_rows(rig, loop.times, design.controller)
     peak = -math.inf
     for k, (start, end) in enumerate(pairwise(times)):
         peak = max(peak, command(state, samples[:, k].tolist(), float(noise[1, k]))[1])
@@ -175,39 +192,65 @@ def own_step(rig: Rig, design: designs.Design, start: Sequence[float]) -> Sample
 
 def _start(
     rig: Rig, design: designs.Design, scenario: Scenario, first_noise: float
-) -> tuple[list[float], float]:
-    """Return the controller's states before the first sample and the voltage that acts until it."""
-    y_ref, v_ref, acc_ref = designs.reference_path(rig, np.zeros(1))[:, 0]
-    known = {"y_ref": y_ref, "v_ref": v_ref, "acc_ref": acc_ref, "Y": design.Y}
-    held = held_voltage(rig, design, known)
+) -> tuple[list[float], float, list[float]]:
+    """Return the controller's states before the first sample, the voltage until it, the current.
+
+    The current, over C [V], where the plant has it as a state.
+    """
+    rows = reference_rows(rig, np.zeros(1), design.controller)[:, 0]
+    known = dict(zip(reference_names(design.controller), rows.tolist(), strict=True))
+    known["Y"] = design.Y
+    held, current = held_voltage(rig, design, known), []
+    if rig.kind.order > 2:
+        held, through = at_rest(rig, scenario)
+        current = [through]
     known |= {"y": scenario.initial_gap + first_noise, "v": scenario.initial_velocity}
     program = start_program(design.controller)
     numbers = known | design.named_gains
-    return list(program.scalar()(*[numbers[name] for name in program.inputs])), held
+    return list(program.scalar()(*[numbers[name] for name in program.inputs])), held, current
 
 
-def _integrator(rig: Rig, scenario: Scenario, drive: Drive) -> Any:
+def _integrator(rig: Rig, scenario: Scenario, controller: Controller, drive: Drive) -> Any:
     from scipy.integrate import ode  # noqa: PLC0415 - heavy, and only this check needs it
 
-    beta, plant = scenario.beta_plant, rig.plant
-    gravity = plant.gravity if scenario.gravity is None else scenario.gravity
-    offset = plant.gap_offset if scenario.gap_offset is None else scenario.gap_offset
-    acceleration = acceleration_program().scalar()
-    path, floor = rig.reference, contact_gap(rig) / 2  # a ball that has crashed meets no pole
-    reference = reference_program().scalar()
+    plant, kind = rig.plant, rig.kind
+    known = designs.plant_numbers(rig) | dict(scenario.numbers) | {"beta": scenario.beta_plant}
+    known["g"] = plant.gravity if scenario.gravity is None else scenario.gravity
+    known["y0"] = plant.gap_offset if scenario.gap_offset is None else scenario.gap_offset
+    acceleration, current = acceleration_program(kind), None
+    of_pull = _filled(acceleration.inputs, known)
+    pull_of = acceleration.scalar()
+    if kind.order > 2:
+        current = drive_program(kind)
+        of_current, rate_of = _filled(current.inputs, known), current.scalar()
+    path, floor = rig.reference, floor_gap(rig)  # a ball that has crashed meets no pole
+    reference = reference_program(len(reference_names(controller)) - 1).scalar()
     ends = (path.start_gap, path.end_gap, path.start_time, path.end_time)
 
     def rates(t: float, x: Any, held: Any) -> list[float]:
         wanted = reference(t, *ends)
         voltage, moved = drive(x, wanted, held)
-        (pull,) = acceleration(gravity, beta, offset, max(x[0], floor), voltage)
+        now = {"y": max(x[0], floor), "v": x[1], "u": voltage}
+        behind = []
+        if current is not None:
+            behind = [*rate_of(*of_current(now | {COIL: x[5]}))]
+            now["u"] = x[5]
+        (pull,) = pull_of(*of_pull(now))
         error = abs(x[0] - wanted[0])
         ise, iae, itae = SCALES
-        return [x[1], pull, ise * error * error, iae * error, itae * t * error, *moved]
+        quadratures = [ise * error * error, iae * error, itae * t * error]
+        return [x[1], pull, *quadratures, *behind, *moved]
 
     return ode(rates).set_integrator(
         "dop853", rtol=RELATIVE_TOLERANCE, atol=ABSOLUTE_TOLERANCE, nsteps=10_000
     )
+
+
+def _filled(
+    names: Sequence[str], known: Mapping[str, float]
+) -> Callable[[Mapping[str, float]], list[float]]:
+    """Return the function that puts what moves among the fixed numbers, in the order of `names`."""
+    return lambda now: [now[name] if name in now else known[name] for name in names]
 
 
 def _advance(integrator: Any, state: Any, start: float, end: float, held: Any) -> Any:

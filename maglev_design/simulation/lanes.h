@@ -31,6 +31,16 @@ static inline real root(real a)
     for (int k = 0; k < LANES; k++) a[k] = __builtin_sqrt(a[k]);
     return a;
 }
+static inline real exponential(real a)
+{
+    for (int k = 0; k < LANES; k++) a[k] = __builtin_exp(a[k]);
+    return a;
+}
+static inline real logarithm(real a)
+{
+    for (int k = 0; k < LANES; k++) a[k] = __builtin_log(a[k]);
+    return a;
+}
 static inline real lower(real a)
 {
     for (int k = 0; k < LANES; k++) a[k] = __builtin_floor(a[k]);

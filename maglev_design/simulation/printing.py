@@ -24,6 +24,8 @@ _FORMS: dict[int, str] = {
     ca.OP_SQ: "{0} * {0}",
     ca.OP_TWICE: "2.0 * {0}",
     ca.OP_SQRT: "root({0})",
+    ca.OP_EXP: "exponential({0})",
+    ca.OP_LOG: "logarithm({0})",
     ca.OP_FABS: "absolute({0})",
     ca.OP_SIGN: "sign_of({0})",
     ca.OP_FLOOR: "lower({0})",
@@ -180,10 +182,11 @@ def _share(made: Made, name: str) -> str | None:
     if kind != ca.OP_DIV:
         return None
     own, total = operands
-    form, (low, high) = made.get(own, (None, ["", ""]))
+    form, compared = made.get(own, (None, []))
     sign, terms = made.get(total, (None, []))
     if form != ca.OP_LE or sign != ca.OP_ADD or own not in terms:
         return None
+    low, high = compared
     other = terms[1 - terms.index(own)]
     return f"shared({own}, {other})" if made.get(other) == (ca.OP_LE, [high, low]) else None
 
@@ -207,7 +210,7 @@ def source(loop: LoopGraph) -> str:
         "N_PARAMETER": len(loop.parameter_names),
         "N_INPUT": step.size1_in(2),
         "PIECES": loop.pieces,
-        "NODES": (step.size1_in(2) - loop.pieces) // 3,
+        "NODES": (step.size1_in(2) - loop.pieces) // len(loop.reference_names),
         "NODES_A_PIECE": loop.nodes_a_piece,
         "DIRECTIONS": loop.directions,
         "N_FIGURES": lanes.figures_count(loop.directions),

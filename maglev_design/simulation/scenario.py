@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design.controller.design import Design
+from maglev_design.controller.design import Design, true_equilibrium
 from maglev_design.errors import InputError, check_numbers
 from maglev_design.programs import feedforward_program, start_program
 from maglev_design.rig import Rig
@@ -37,6 +37,9 @@ class Scenario:
         The plant's g [m/s^2] and y0 [m] where they are not the rig's, which the controller has.
     input_noise, position_noise : float, optional
         Standard deviations [V, m] where they are not the rig's.
+    numbers : tuple of (str, float)
+        Further numbers of the plant, by symbol, where they are not the rig's; see
+        :func:`maglev_design.controller.design.plant_numbers`.
     """
 
     beta_plant: float
@@ -49,6 +52,7 @@ class Scenario:
     gap_offset: float | None = None
     input_noise: float | None = None
     position_noise: float | None = None
+    numbers: tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self) -> None:
         check_numbers(positive=True, beta_plant=self.beta_plant, gravity=self.gravity)
@@ -112,13 +116,13 @@ def parameter_vector(
     rig = loop.rig
     low, high = rig.limits.voltage if clamped else (-math.inf, math.inf)
     values = {
+        **grids.drive_numbers(rig, emulate=loop.emulator is not None),
+        **dict(scenario.numbers),
         "Y": design.Y,
         "U": design.believed.U,
         "u_min": low,
         "u_max": high,
-        "C_U_hat": design.believed.C_U,
-        "C_Y_hat": design.believed.C_Y,
-        "beta_c": design.believed.beta,
+        **design.believed.as_inputs(),
         **design.named_gains,
         **design.coefficients,
         "beta": scenario.beta_plant,
@@ -126,6 +130,7 @@ def parameter_vector(
         "y0": rig.plant.gap_offset if scenario.gap_offset is None else scenario.gap_offset,
         "gap_low": grids.contact_gap(rig),
         "gap_high": rig.limits.gap[1],
+        "floor": grids.floor_gap(rig),
     }
     return np.array([values[name] for name in loop.parameter_names], dtype=float)
 
@@ -136,16 +141,21 @@ def start_state(
     """Return the state at t = 0, SI units.
 
     The controller's states are zero but for a bumpless start, which reads the first sample;
-    voltages that still act, and the emulated coil, are at the feedforward.
+    voltages that still act, and the emulated coil, are at the feedforward. Behind a drive of the
+    plant's own they are what holds the ball where it starts.
     """
     known = first_sample(loop, design, scenario, first_noise)
     held = held_voltage(loop.rig, design, known)
+    current = held
+    if loop.rig.kind.order > 2:
+        held, current = at_rest(loop.rig, scenario)
     if loop.emulator is not None:
         held = float(grids.rounded(held, loop.emulator.actuator_step))
+        current = held if loop.rig.kind.order == 2 else current
     program = start_program(design.controller)
     own = program.scalar()(*[known[name] for name in program.inputs])
     values = {"y": scenario.initial_gap, "v": scenario.initial_velocity, "alive": 1.0}
-    values |= dict(zip(program.outputs, own, strict=True)) | {grids.COIL: held}
+    values |= dict(zip(program.outputs, own, strict=True)) | {grids.COIL: current}
     return np.array([held if n.startswith("held") else values[n] for n in loop.state_names])
 
 
@@ -153,19 +163,29 @@ def first_sample(
     loop: grids.LoopGraph, design: Design, scenario: Scenario, first_noise: float
 ) -> dict[str, float]:
     """Return what a law can read before its first step, and its gains, by symbol name."""
-    y_ref, v_ref, acc_ref = loop.start
     measured = scenario.initial_gap + first_noise
     if loop.emulator is not None:
         measured = float(grids.rounded(measured, loop.emulator.sensor_step))
     return {
         "y": measured,
         "v": scenario.initial_velocity,
-        "y_ref": y_ref,
-        "v_ref": v_ref,
-        "acc_ref": acc_ref,
+        **dict(zip(loop.reference_names, loop.start, strict=True)),
         "Y": design.Y,
         **design.named_gains,
     }
+
+
+def at_rest(rig: Rig, scenario: Scenario) -> tuple[float, float]:
+    """Return the input voltage [V] that holds the ball where it starts, and the current over C [V].
+
+    Of the scenario's plant; clamped to the actuator's range.
+    """
+    other = {"g": scenario.gravity, "y0": scenario.gap_offset}
+    moved = dict(scenario.numbers) | {x: value for x, value in other.items() if value is not None}
+    rest = true_equilibrium(rig, scenario.beta_plant, scenario.initial_gap, moved)
+    low, high = rig.limits.voltage
+    held = min(max(rest.U, low), high)
+    return held, held - moved.get("u0", rig.drive.input_offset)
 
 
 def held_voltage(rig: Rig, design: Design, reference: Mapping[str, float]) -> float:

@@ -67,8 +67,10 @@ def start_sensitivities(
 
 
 @cache
-def _pole_jacobian(method: Method | None, controller: Controller) -> ca.Function:
-    """Return the derivatives of the controller's parameters and gains by the four pole values."""
+def _pole_jacobian(
+    method: Method | None, controller: Controller, names: tuple[str, ...]
+) -> ca.Function:
+    """Return the derivatives of the parameters `names` and of the gains by the four pole values."""
     import casadi as ca  # noqa: PLC0415 - only for sensitivities
 
     poles = ca.SX.sym("poles", 4)
@@ -82,8 +84,7 @@ def _pole_jacobian(method: Method | None, controller: Controller) -> ca.Function
         known = fixed | values
         numbers = program.casadi(*[known[name] for name in program.inputs])
         values |= dict(zip(program.outputs, numbers, strict=True))
-    names = (*grids.controller_names(method, controller), *grids.PLANT_NAMES)
-    moving = ca.vertcat(*[values.get(name, ca.SX(0)) for name in dict.fromkeys(names)])
+    moving = ca.vertcat(*[values.get(name, ca.SX(0)) for name in names])
     return ca.Function(
         "pole_jacobian",
         [poles, *fixed.values()],
@@ -102,7 +103,7 @@ def pole_sensitivities(loop: grids.LoopGraph, design: Design, directions: Array)
         Columns in (zeta_1, omega_1, zeta_2, omega_2); [[1, 0], [0, 1], [1, 0], [0, 1]] for a
         double pair.
     """
-    function = _pole_jacobian(loop.method, loop.controller)
+    function = _pole_jacobian(loop.method, loop.controller, loop.parameter_names)
     known = coefficient_inputs(loop.rig, design.believed)
     fixed = [known[name] for name in function.name_in()[1:]]
     slopes, gains = function(design.poles.values, *fixed)

@@ -19,11 +19,10 @@ import numpy as np
 
 from maglev_design.controller import design as designs
 from maglev_design.lowering import Program
-from maglev_design.options import Controller
 from maglev_design.programs import (
     acceleration_program,
-    coil_program,
     continuous_program,
+    drive_program,
     metrics_program,
     start_program,
     step_program,
@@ -56,10 +55,11 @@ def _plain_step(loop: LoopGraph) -> ca.Function:
     x = {name: ca.SX.sym(name) for name in loop.state_names}
     q = {name: ca.SX.sym(name) for name in loop.parameter_names}
     h = ca.SX.sym("h", total)
-    reference = ca.SX.sym("reference", 3 * (loop.nodes_a_piece * total + 1))
+    signals = len(loop.reference_names)
+    reference = ca.SX.sym("reference", signals * (loop.nodes_a_piece * total + 1))
     noise = ca.SX.sym("noise", 2)
-    rows = ca.reshape(reference, -1, 3)
-    stepper = _Stepper(q, h, rows, noise, controller, own, loop.emulator)
+    rows = ca.reshape(reference, -1, signals)
+    stepper = _Stepper(q, h, rows, noise, loop, own)
     state_in = ca.vertcat(*x.values())
     track: list[Any] = []
     if method is None:
@@ -99,9 +99,13 @@ class _Stepper:
     h: Any
     rows: Any
     noise: Any
-    controller: Controller
+    loop: LoopGraph
     own: tuple[str, ...]
-    emulator: Emulator | None
+
+    @property
+    def emulator(self) -> Emulator | None:
+        """Effects that act besides the plant."""
+        return self.loop.emulator
 
     def read(self, law: Program, x: dict[str, Any], node: int) -> list[Any]:
         """Run a law's program on what it measures and on the reference at a node."""
@@ -109,13 +113,13 @@ class _Stepper:
         measured = x["y"] + self.noise[1]
         if self.emulator is not None:
             measured = rounded(measured, self.emulator.sensor_step)
-        signals = {"y": measured, "y_ref": row[0], "v_ref": row[1], "acc_ref": row[2]}
-        values = {**self.q, **x, **signals}
+        wanted = zip(self.loop.reference_names, ca.horzsplit(row), strict=True)
+        values = {**self.q, **x, "y": measured, **dict(wanted)}
         return law.casadi(*[values[name] for name in law.inputs])
 
     def law(self, x: dict[str, Any], node: int) -> list[Any]:
         """Return the rates of the continuous law's states and the commanded voltage."""
-        return self.read(continuous_program(self.controller), x, node)
+        return self.read(continuous_program(self.loop.controller), x, node)
 
     def drive(self, commanded: Any) -> Any:
         """Return what the actuator makes of a commanded voltage."""
@@ -131,17 +135,18 @@ class _Stepper:
         return ca.fmin(ca.fmax(voltage, self.q["u_min"]), self.q["u_max"])
 
     def rates(self, motion: dict[str, Any], voltage: Any) -> list[Any]:
-        """Return y', y'' and, with a coil, the rate of its current, under an input voltage.
+        """Return y', y'' and, behind a drive with a state, its rate, under an input voltage.
 
         The gap is kept off the magnet, so that a crash never divides by zero.
         """
-        q, gap = self.q, ca.fmax(motion["y"], self.q["gap_low"] / 2)
-        acting = motion.get(COIL, voltage)
-        (pull,) = acceleration_program().casadi(q["g"], q["beta"], q["y0"], gap, acting)
-        if COIL not in motion or self.emulator is None:
-            return [motion["v"], pull]
-        size = (self.emulator.inductance, self.emulator.resistance)
-        return [motion["v"], pull, *coil_program().casadi(acting, voltage, *map(ca.SX, size))]
+        kind, gap = self.loop.kind, ca.fmax(motion["y"], self.q["floor"])
+        values = {**self.q, "y": gap, "v": motion["v"], "u": motion.get(COIL, voltage)}
+        pull = acceleration_program(kind)
+        found = [motion["v"], *pull.casadi(*[values[name] for name in pull.inputs])]
+        if COIL in motion:
+            drive, given = drive_program(kind), {"u": voltage, COIL: motion[COIL]}
+            found += drive.casadi(*[(values | given)[name] for name in drive.inputs])
+        return found
 
     def _moving(self, x: dict[str, Any]) -> list[str]:
         return ["y", "v", *([COIL] if COIL in x else [])]

@@ -13,7 +13,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design.controller.design import Design
+from maglev_design.controller.design import Design, on_plant, plant_numbers
 from maglev_design.controller.family import family_of
 from maglev_design.options import Equilibrium
 from maglev_design.programs import believed_program, beta_program
@@ -181,14 +181,38 @@ def plant_betas(rig: Rig, design: Design, drawn: dict[str, Array]) -> Array | fl
     follows from it and from what was drawn for y0 and g.
     """
     if beta_is_computed(rig, design.equilibrium):
-        parts = [drawn.get(name, getattr(rig.plant, name)) for name in BETA_PARTS]
-        (beta,) = beta_program().numpy()(*parts)
-        return np.asarray(beta, dtype=float)
-    ratio = drawn.get(RATIO, 1.0)
+        parts = [drawn.get(name, rig.stated(name)) for name in BETA_PARTS]
+        if "resistance" in drawn:
+            parts[1] = 1 / drawn["resistance"]
+        (made,) = beta_program(rig.kind).numpy()(*parts)
+        return np.asarray(made, dtype=float)
+    ratio, power = drawn.get(RATIO, 1.0), rig.kind.exponent
     if design.equilibrium != "measured":
-        return design.believed.beta / ratio
-    gravity, offset = (drawn.get(x, getattr(rig.plant, x)) for x in ("gravity", "gap_offset"))
-    voltage = design.believed.U * np.sqrt(ratio)
-    held = believed_program("measured").numpy()
-    *_, beta = held(gravity, design.believed.beta, design.Y, offset, voltage)
-    return np.asarray(beta, dtype=float)
+        beta: Array | float = design.believed.beta / ratio
+        if "resistance" in drawn:  # the force constant stays, C = 1/R moves
+            stays = (rig.stated("resistance") / drawn["resistance"]) ** power
+            beta = np.asarray(beta * stays, dtype=float)
+        return beta
+    columns = plant_columns(rig, drawn)
+    gravity, offset = (drawn.get(x, rig.stated(x)) for x in ("gravity", "gap_offset"))
+    own = columns["u0"]
+    voltage = own + (design.believed.U - rig.drive.input_offset) * (
+        np.sqrt(ratio) if power == 2 else ratio
+    )
+    program = believed_program("measured", rig.kind)
+    fixed = (gravity, design.believed.beta, design.Y, offset, voltage)
+    values = program.numpy()(*on_plant(program, rig, *fixed, moved=columns))
+    return np.asarray(values[program.outputs.index("beta_hat")], dtype=float)
+
+
+DRIVE_NUMBERS = ("delta", "L", "R", "m", "u0")
+"""Numbers of the plant that are drawn besides g, beta and y0, by symbol."""
+
+
+def plant_columns(rig: Rig, drawn: dict[str, Array]) -> dict[str, Any]:
+    """Return the numbers :data:`DRIVE_NUMBERS` of each scenario, arrays where they are drawn."""
+    own: dict[str, Any] = dict(plant_numbers(rig))
+    mass = drawn.get("mass", rig.plant.mass)
+    own |= {"m": mass, "delta": drawn.get("damping", rig.plant.damping) / mass}
+    symbols = {"lag": "L", "resistance": "R", "inductance": "L", "input_offset": "u0"}
+    return own | {symbol: drawn[name] for name, symbol in symbols.items() if name in drawn}

@@ -9,6 +9,7 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,6 @@ from maglev_design.controller import design as designs
 from maglev_design.controller.design import Design
 from maglev_design.errors import InputError
 from maglev_design.figures import INDICES, OF_A_RUN
-from maglev_design.rig import DRAWN
 from maglev_design.simulation import (
     LoopGraph,
     Scenario,
@@ -29,7 +29,7 @@ from maglev_design.simulation import (
 )
 from maglev_design.simulation.batch import first_noise
 from maglev_design.simulation.scenario import parameter_vector, start_state
-from maglev_design.sweeping.draws import draw, plant_betas
+from maglev_design.sweeping.draws import DRIVE_NUMBERS, draw, plant_betas, plant_columns
 from maglev_design.sweeping.setup import Setup
 
 Array = NDArray[np.float64]
@@ -53,7 +53,8 @@ class Plants:
         What was drawn, by name.
     values : mapping of str to array
         All that a :class:`Scenario` needs: beta_plant, gravity, gap_offset, initial_gap,
-        initial_velocity, input_noise and position_noise.
+        initial_velocity, input_noise and position_noise; of a plant with damping, drive or offset
+        also its numbers by symbol.
     """
 
     first: int
@@ -84,14 +85,13 @@ def plants(setup: Setup, first: int, count: int) -> Plants:
 def plants_of(setup: Setup, first: int, count: int, drawn: dict[str, Array]) -> Plants:
     """Return scenarios with given drawn values; what was not drawn is the rig's."""
     rig = setup.rig
-    sections = {"PlantParameters": rig.plant, "InitialState": rig.initial, "Noise": rig.noise}
-    own = {
-        name: getattr(sections[model.__name__], field)
-        for name, (model, field) in DRAWN.items()
-        if name in _SCENARIO
-    }
+    own = {name: rig.stated(name) for name in _SCENARIO}
     values = own | {name: drawn[name] for name in _SCENARIO if name in drawn}
     values["beta_plant"] = plant_betas(rig, setup.designs[0], drawn)
+    if rig.kind.order > 2 or rig.kind.damped or rig.kind.offset:
+        values |= {
+            name: x for name, x in plant_columns(rig, drawn).items() if name in DRIVE_NUMBERS
+        }
     return Plants(first, drawn, {k: np.broadcast_to(v, count) for k, v in values.items()})
 
 
@@ -107,8 +107,11 @@ _SCENARIO = (
 
 def scenario(setup: Setup, drawn: Plants, n: int) -> Scenario:
     """Return element `n` as the simulator takes it."""
-    numbers = {name: float(column[n]) for name, column in drawn.values.items()}
-    return Scenario(noise=setup.noise, seed=setup.seed, index=drawn.first + n, **numbers)
+    own = {name: float(column[n]) for name, column in drawn.values.items()}
+    known: dict[str, Any] = {name: x for name, x in own.items() if name not in DRIVE_NUMBERS}
+    plant = tuple((name, own[name]) for name in DRIVE_NUMBERS if name in own)
+    known |= {"seed": setup.seed, "index": drawn.first + n, "numbers": plant}
+    return Scenario(noise=setup.noise, **known)
 
 
 @lru_cache(maxsize=8)
@@ -195,6 +198,7 @@ def _parameters(setup: Setup, loop: LoopGraph, design: Design, drawn: Plants) ->
     rows = np.tile(reference, (drawn.count, 1))
     own = drawn.values
     moving = {"beta": own["beta_plant"], "g": own["gravity"], "y0": own["gap_offset"]}
+    moving |= {name: own[name] for name in DRIVE_NUMBERS if name in own}
     for name, column in moving.items():
         if name in loop.parameter_names:
             rows[:, loop.parameter_names.index(name)] = column
@@ -204,9 +208,10 @@ def _parameters(setup: Setup, loop: LoopGraph, design: Design, drawn: Plants) ->
 def _states(setup: Setup, loop: LoopGraph, design: Design, drawn: Plants) -> Array:
     """Return the first state of every loop, one row each.
 
-    A bumpless start depends on the first sample: each is asked for alone, which is slower.
+    A bumpless start depends on the first sample, the current of a coil on its plant: each is asked
+    for alone, which is slower.
     """
-    if design.controller.start == "bumpless":
+    if design.controller.start == "bumpless" or loop.kind.order > 2:
         rows = []
         for n in range(drawn.count):
             one = scenario(setup, drawn, n)

@@ -66,3 +66,23 @@ def flat_model(plant: p.Plant, linearisation: Linearisation) -> FlatModel:
 def round_trip_residual(flat: FlatModel) -> Expr:
     """Return y_delta'' - f(u_delta(y_delta, y_delta'')), zero when both ways agree."""
     return sp.simplify(p.acc_d - flat.acceleration.subs(p.u_d, flat.input))
+
+
+def path_input(plant: p.Plant) -> Expr:
+    """Return u of a nonlinear plant of any kind in (y, y', y'') and, behind a drive, y'''.
+
+    The coil current that y'' asks for is inserted into the drive's own equation, its rate by the
+    chain rule. Real where the magnet has to pull.
+    """
+    kind, direct = plant.kind, plant.kind.order == 2
+    none = p.u0 if kind.offset and direct else 0  # the input that makes no current
+    free = plant.acceleration.subs(p.u, none)
+    root = sp.Rational(1, kind.exponent)
+    net = ((free - p.acc) / p.beta) ** root
+    net *= sp.powdenest((1 / plant.profile.fall) ** root, force=True)
+    if direct:
+        return net + none
+    rate = sp.diff(net, p.y) * p.v + sp.diff(net, p.v) * p.acc + sp.diff(net, p.acc) * p.jerk_ref
+    by_input = sp.diff(plant.drive_rate, p.u)
+    given = (rate - plant.drive_rate.subs(p.u, 0)) / by_input
+    return given.subs(p.u_coil, net)

@@ -8,14 +8,15 @@ state it starts from. How a law is sampled, clamped and guarded is in
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import sympy as sp
 from sympy import Expr, Matrix, Symbol
 
 from maglev_design.options import TAN_GPI, Controller
 from maglev_design.symbolic import plant as p
+from maglev_design.symbolic.linearisation import design_tangent
 
 w = Symbol("w", real=True)
 """Output of a law's linear core: a voltage on top of the feedforward [V], for FEE-GPI [m/s^2]."""
@@ -78,6 +79,86 @@ def gpi_transfer(gains: Sequence[Expr]) -> Expr:
     return sp.factor(sp.together(solution / p.e))
 
 
+def gpi_division(
+    denominator: sp.Poly, gains: Sequence[Expr], integrators: int = 1
+) -> tuple[sp.Poly, sp.Poly]:
+    """Return N and Q of the GPI law G = N/(s^m Q) for any flat plant, both polynomials in s.
+
+    The plant is den(s) y_delta = -(C/c) u_delta with den monic of degree n; the loop's polynomial
+    p_des = s^(2 n - 1 + m) + k_{2n-2+m} s^(2n-2+m) + ... + k_0 is to be
+
+        den s^m Q + N = p_des,  deg N < n + m,
+
+    so that Q is the quotient of p_des by den s^m and N the remainder: a division, with one answer
+    whatever the plant. For n = 2 and m = 1 it is the law (20).
+
+    Parameters
+    ----------
+    denominator : Poly
+        den, monic in s.
+    gains : sequence of Expr
+        (k_0, ..., k_{2n-2+m}).
+    integrators : int
+        m.
+
+    Raises
+    ------
+    ValueError
+        For another number of gains, or a denominator that is not monic.
+    """
+    order = denominator.degree()
+    if denominator.LC() != 1:
+        raise ValueError("the plant's denominator must be monic in s")
+    if len(gains) != 2 * order - 1 + integrators:
+        raise ValueError(
+            f"a plant of order {order} with {integrators} integrators needs "
+            f"{2 * order - 1 + integrators} gains, not {len(gains)}"
+        )
+    desired = sp.Poly([1, *reversed(gains)], p.s)
+    quotient, remainder = sp.div(desired, denominator * sp.Poly(p.s**integrators, p.s))
+    return remainder, quotient
+
+
+def reconstructed_transfer(
+    denominator: sp.Poly, gains: Sequence[Expr], integrators: int = 1
+) -> Expr:
+    """Return G of :func:`gpi_division` as integral reconstructors built one on the other make it.
+
+    A law with n - 1 derivatives and m integrals of e,
+
+        v = lambda_{n-1} e^(n-1) + ... + lambda_0 e + integrals,  den y = -v  (scaled input),
+
+    reads its derivatives off the plant: integrated once, den e = -v says what e^(n-1) is in lower
+    derivatives and the integral of v; integrated twice, what e^(n-2) is; each reconstructor uses
+    those below it and no derivative. What they leave out, the unknown start, asks for n - 1 more
+    integrals of e. The lambdas are what places the poles at the `gains`.
+    """
+    order, s = denominator.degree(), p.s
+    effort, width = Symbol("effort"), 2 * order - 1 + integrators
+    unknown = sp.symbols(f"lambda0:{width}")
+    below = [denominator.coeff_monomial(s**k) for k in range(order)]
+    known: list[Expr] = [p.e]  # of e, its first derivative, ...: estimates in e and the effort
+    for k in range(1, order):
+        # the k-th derivative: den e = -effort, integrated n - k times; where the sum asks for a
+        # lower derivative it is the estimate that is already there
+        total = -effort / s ** (order - k)
+        for j, a in enumerate(below):
+            left = j - (order - k)
+            total -= a * (known[left] if left >= 0 else p.e * s**left)
+        known.append(sp.expand(total))
+    law = sum(unknown[k] * known[k] for k in range(order))
+    law += sum(unknown[order + k] * p.e / s ** (k + 1) for k in range(width - order))
+    (solved,) = sp.solve(effort - law, effort)
+    over, under = (sp.Poly(sp.expand(x), s) for x in sp.fraction(sp.together(solved / p.e)))
+    # a common factor s would be a hidden integrator; none is left once the coefficients agree
+    loop = sp.Poly(denominator * under + over, s)
+    wanted = sp.Poly([1, *reversed(gains)], s) * sp.Poly(loop.LC(), s)
+    shift = loop.degree() - wanted.degree()
+    difference = loop - wanted * sp.Poly(s**shift, s)
+    (placed,) = sp.solve(difference.coeffs(), unknown, dict=True)
+    return sp.cancel(sp.together((over.as_expr() / under.as_expr()).subs(placed)))
+
+
 @dataclass(frozen=True)
 class StateSpace:
     """x' = A x + B r, w = C x + D r (continuous) or its difference equation (sampled)."""
@@ -134,6 +215,9 @@ class ControlLaw:
         that is asked to be bumpless.
     gains : tuple of Symbol
         What the pole placement sets.
+    definitions : mapping of Symbol to Expr
+        Letters of `core` that stand for longer expressions in the gains and the believed
+        coefficients; none in a law of second order.
     """
 
     controller: Controller
@@ -149,6 +233,7 @@ class ControlLaw:
     integrators: tuple[int, ...]
     start: tuple[Expr, ...]
     gains: tuple[Symbol, ...]
+    definitions: Mapping[Symbol, Expr] = field(default_factory=dict)
 
     @property
     def feedforward(self) -> Expr:
@@ -163,7 +248,7 @@ class ControlLaw:
 
 
 x1, x2 = sp.symbols("x1 x2", real=True)
-f_y, f_a = Symbol("f_y", real=True), Symbol("f_a", real=True)
+f_y, f_v, f_a, f_j = sp.symbols("f_y f_v f_a f_j", real=True)
 ERROR = p.y - p.y_ref
 
 
@@ -175,26 +260,71 @@ def control_law(controller: Controller = TAN_GPI) -> ControlLaw:
         return lin_pid(controller)
     if controller.name == "state-feedback":
         return state_feedback()
-    return tan_gpi()
+    return tan_gpi(controller)
 
 
 def closed_loop_order(controller: Controller) -> int:
     """Return the order of the polynomial whose roots a controller's gains place."""
-    return 3 if controller.name in ("lin-pid", "state-feedback") else 4
+    if controller.name in ("lin-pid", "state-feedback"):
+        return 3
+    return 2 * controller.plant_order
 
 
-def tan_gpi() -> ControlLaw:
-    """Return the TAN-GPI law (20) in its bounded two-state realisation.
+def tan_gpi(controller: Controller = TAN_GPI) -> ControlLaw:
+    """Return the TAN-GPI law (20), or its like for a plant of another order, bounded realisation.
 
-    The partial fractions of G(s) give an integrator and a lag at -k3, both bounded in closed
-    loop, where (20) as printed carries two hidden integrators that grow for ever:
+    The partial fractions of G(s) give an integrator and the poles of Q, all bounded in closed loop,
+    where (20) as printed carries hidden integrators that grow for ever. For the paper's plant,
 
         x1' = e,  x2' = -k3 x2 + e,
         w = (1/C_U) ((k2 + C_Y) e + (k0/k3) x1 + (k1 - k2 k3 - k0/k3) x2).
+
+    The plant of the controller is den(s) y_delta = -(C/c) u_delta with den monic
+    (:func:`~maglev_design.symbolic.linearisation.design_tangent`); then w = (c/C) G e and the
+    feedforward is U - (c/C) den(d/dt) (y* - Y).
     """
-    gains = (p.k0, p.k1, p.k2, p.k3)
-    core = _two_states(gpi_transfer(gains))
-    return _tangent(TAN_GPI, (x1, x2), (ERROR,), _scaled(core, 1 / p.C_U), gains)
+    tangent = design_tangent(controller.design_model)
+    denominator, gain = tangent.denominator, -1 / tangent.flat_gain
+    gains = gain_symbols(2 * tangent.order)
+    over, under = gpi_division(denominator, gains)
+    core = _scaled(_partial_fractions(over, under), gain)
+    definitions: dict[Symbol, Expr] = {}
+    if tangent.order > 2:
+        core, definitions = _lettered(core)
+    states = sp.symbols(f"x1:{1 + tangent.order}", real=True)
+    law = replace(_tangent(controller, states, (ERROR,), core, gains), definitions=definitions)
+    return law if not controller.of_other_plant else _with_feedforward(law, denominator, gain)
+
+
+def _with_feedforward(law: ControlLaw, denominator: sp.Poly, gain: Expr) -> ControlLaw:
+    """Return a law whose feedforward is that of the plant `denominator`/`gain`."""
+    path = (p.y_ref - p.Y, p.v_ref, p.acc_ref, p.jerk_ref)
+    letters = (f_y, f_v, f_a, f_j)
+    command: Expr = p.U + w
+    constants: dict[Symbol, Expr] = {}
+    for power, (letter, signal) in enumerate(zip(letters, path, strict=True)):
+        factor = sp.factor(-gain * denominator.coeff_monomial(p.s**power))
+        if power == 0 and law.controller.static_voltage == "series":
+            constants |= dict(zip(SERIES, STATIC, strict=True))
+            command += horner(SERIES, signal)
+        elif factor != 0:
+            constants[letter] = factor
+            command += letter * signal
+    return replace(law, command=command, constants=constants)
+
+
+SERIES: tuple[Symbol, ...] = sp.symbols("s1:9", real=True)
+"""Coefficients of the static voltage less U in powers of y* - Y, from the first on [V/m^n]."""
+STATIC: tuple[Symbol, ...] = sp.symbols("S1:9", real=True)
+"""The same as the controller believes them, numbers of the plant."""
+
+
+def horner(coefficients: Sequence[Expr], x: Expr) -> Expr:
+    """Return c_1 x + c_2 x^2 + ... as nested products."""
+    value: Expr = sp.Integer(0)
+    for c in reversed(coefficients):
+        value = (c + value) * x if value != 0 else c * x
+    return value
 
 
 def fee_gpi() -> ControlLaw:
@@ -340,14 +470,58 @@ def _tangent(
 
 def _two_states(transfer: Expr) -> StateSpace:
     """Return the integrator and the lag at -k3 whose sum is `transfer`."""
-    through = sp.limit(transfer, p.s, sp.oo)
-    integral = sp.limit(p.s * transfer, p.s, 0)
-    lag = sp.factor(sp.cancel((p.s + p.k3) * transfer).subs(p.s, -p.k3))
+    over, under = sp.fraction(sp.together(transfer))
+    return _partial_fractions(sp.Poly(over, p.s), sp.Poly(sp.cancel(under / p.s), p.s))
+
+
+def _partial_fractions(over: sp.Poly, under: sp.Poly) -> StateSpace:
+    """Return an integrator and the companion form of Q whose sum is N/(s Q), Q monic of degree k.
+
+    States x1 of the integrator; x2, x3, ... of Q, of which x2 has the input and each further one is
+    the integral of that before it.
+    """
+    order = under.degree()
+    # letter by letter, in the order in which hand computation has it
+    through = sp.factor(over.coeff_monomial(p.s ** (order + 1)))
+    integral = sp.factor(over.eval(0) / under.eval(0))
+    rest = over - through * p.s * under - integral * under
+    if order == 1:  # the residue at the pole, which factors more simply
+        pole = -under.eval(0)
+        shares = [sp.factor(sp.cancel(over.eval(pole) / pole))]
+    else:
+        shares = [rest.coeff_monomial(p.s ** (k + 1)) for k in range(order - 1, -1, -1)]
+    own = [-under.coeff_monomial(p.s**k) for k in range(order - 1, -1, -1)]
+    companion = Matrix(order, order, lambda r, c: own[c] if r == 0 else int(r == c + 1))
     return StateSpace(
-        A=Matrix([[0, 0], [0, -p.k3]]),
-        B=Matrix([1, 1]),
-        C=Matrix([[integral, lag]]),
+        A=sp.diag(0, companion),
+        B=Matrix([1, 1, *[0] * (order - 1)]),
+        C=Matrix([[integral, *shares]]),
         D=Matrix([[through]]),
+    )
+
+
+def _lettered(core: StateSpace) -> tuple[StateSpace, dict[Symbol, Expr]]:
+    """Return a core in letters for its longer entries, and what these are."""
+    letters: dict[Symbol, Expr] = {}
+
+    def named(prefix: str) -> Callable[[Expr], Expr]:
+        def name(entry: Expr) -> Expr:
+            if entry.is_Integer:
+                return entry
+            symbol = Symbol(f"{prefix}{sum(x.name[0] == prefix for x in letters)}", real=True)
+            letters[symbol] = entry
+            return symbol
+
+        return name
+
+    return (
+        StateSpace(
+            core.A.applyfunc(named("q")),
+            core.B,
+            core.C.applyfunc(named("r")),
+            core.D.applyfunc(named("d")),
+        ),
+        letters,
     )
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import sympy as sp
 from sympy import Expr, Matrix, Symbol
 
-from maglev_design.options import Equilibrium
+from maglev_design.options import DesignModel, Equilibrium
 from maglev_design.symbolic import plant as p
 
 
@@ -42,8 +42,8 @@ def linearise(plant: p.Plant) -> Linearisation:
     The coefficients are the partial derivatives of F; nothing about the form of the force is
     assumed.
     """
-    implicit = p.acc - plant.acceleration
-    rest = {p.acc: 0, p.y: p.Y, p.u: p.U}
+    implicit = p.acc - plant.static
+    rest = {p.acc: 0, p.v: 0, p.y: p.Y, p.u: p.U}
     slope = sp.diff(implicit, p.acc).subs(rest)
     c_u = sp.factor((sp.diff(implicit, p.u) / slope).subs(rest))
     c_y = sp.factor((-sp.diff(implicit, p.y) / slope).subs(rest))
@@ -56,6 +56,97 @@ def linearise(plant: p.Plant) -> Linearisation:
         C_Y_rest=sp.factor(c_y.subs(p.beta, beta_rest)),
         A=Matrix([[0, 1], [p.C_Y, 0]]),
         B=Matrix([0, -p.C_U]),
+    )
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """A plant of any kind, linearised at rest at a gap y.
+
+    Attributes
+    ----------
+    A : Matrix
+        State matrix in (y_delta, y_delta') and, behind a drive with a state, u_i,delta.
+    B : Matrix
+        Input matrix, shape (n, 1).
+    """
+
+    A: Matrix
+    B: Matrix
+
+    @property
+    def order(self) -> int:
+        """Number of states."""
+        return int(self.A.shape[0])
+
+    @property
+    def denominator(self) -> sp.Poly:
+        """det(s I - A), monic in s."""
+        return sp.Poly((p.s * sp.eye(self.order) - self.A).det(), p.s)
+
+    @property
+    def flat_gain(self) -> Expr:
+        """The number c A^(n-1) b, with y_delta^(n) + ... = (this) u_delta.
+
+        Raises
+        ------
+        ValueError
+            Where y is no flat output: c b, ..., c A^(n-2) b do not all vanish. Controllability
+            alone would leave zeros.
+        """
+        row, chain = Matrix([[1, *[0] * (self.order - 1)]]), []
+        for _ in range(self.order):
+            chain.append(sp.simplify((row * self.B)[0]))
+            row = row * self.A
+        if any(entry != 0 for entry in chain[:-1]) or chain[-1] == 0:
+            raise ValueError("the gap is no flat output of this plant")
+        return chain[-1]
+
+
+def tangent_at_rest(plant: p.Plant) -> Tangent:
+    """Return the linearisation of a plant at rest at the gap y, in its own numbers.
+
+    The voltage that holds the ball at y stands for the input and, where there is one, for the state
+    of the drive.
+    """
+    held = plant.equilibrium_voltage.subs(p.Y, p.y)
+    net = held - p.u0 if plant.kind.offset else held
+    acting = p.u_coil if plant.kind.order > 2 else p.u
+    rest = {p.v: 0, p.u_coil: net, p.u: held}
+    rates = [p.v, plant.acceleration.subs(p.u, acting), plant.drive_rate]
+    states = [p.y, p.v, p.u_coil]
+    order = plant.kind.order
+
+    def slope(row: int, by: Symbol) -> Expr:
+        # rest first in the voltages alone: the gap is both a state and where the plant rests
+        return sp.simplify(sp.diff(rates[row], by).subs(rest))
+
+    return Tangent(
+        Matrix(order, order, lambda r, c: slope(r, states[c])),
+        Matrix(order, 1, lambda r, _: slope(r, p.u)),
+    )
+
+
+def design_tangent(model: DesignModel) -> Tangent:
+    """Return the tangent plant that a controller is designed with, in C_U, C_Y, delta, tau, kappa.
+
+    ``undamped``: (10). ``damped``: s^2 + delta s - C_Y. ``lag``: u_i behind a drive of time
+    constant tau with the back-EMF kappa/C_U,
+
+        [(1 + tau s)(s^2 + delta s - C_Y) + kappa s] y_delta = -C_U u_delta.
+    """
+    damping = p.delta if model != "undamped" else sp.Integer(0)
+    if model != "lag":
+        return Tangent(Matrix([[0, 1], [p.C_Y, -damping]]), Matrix([0, -p.C_U]))
+    return Tangent(
+        Matrix(
+            [
+                [0, 1, 0],
+                [p.C_Y, -damping, -p.C_U],
+                [0, p.kappa / (p.C_U * p.tau), -1 / p.tau],
+            ]
+        ),
+        Matrix([0, 0, 1 / p.tau]),
     )
 
 
@@ -107,6 +198,20 @@ def believed_coefficients(
     return p.U, linearisation.C_U_rest, linearisation.C_Y_rest
 
 
+def believed_drive(plant: p.Plant, c_u: Expr, held: Expr) -> tuple[Expr, Expr, Expr]:
+    """Return (delta, tau, kappa) that a controller uses, at its C_U and its voltage U less u0.
+
+    tau = L/R, L being the inductance at Y; kappa = C_U times the back-EMF of a velocity, which by
+    the balance of forces at Y is p m g R/(U - u0).
+    """
+    kind, zero = plant.kind, sp.Integer(0)
+    damping = p.delta if kind.damped else zero
+    if kind.actuation == "ideal":
+        return damping, zero, zero
+    emf = kind.exponent * p.m * p.g * p.R / held if kind.actuation == "coil" else zero
+    return damping, p.L / p.R, sp.factor(c_u * emf)
+
+
 def believed_beta(plant: p.Plant, reading: Equilibrium) -> Expr:
     """Return the beta that a controller works with where its law needs one (FEE-GPI).
 
@@ -114,5 +219,5 @@ def believed_beta(plant: p.Plant, reading: Equilibrium) -> Expr:
     """
     if reading != "measured":
         return p.beta_c
-    (value,) = sp.solve(plant.acceleration.subs({p.y: p.Y, p.u: p.U}), p.beta)
+    (value,) = sp.solve(plant.static.subs({p.y: p.Y, p.v: 0, p.u: p.U}), p.beta)
     return value

@@ -107,8 +107,8 @@ def flatness_at_ends(step: BezierStep) -> tuple[int, int]:
     return counts[0], counts[1]
 
 
-def rest_to_rest(step: BezierStep) -> tuple[Expr, Expr, Expr]:
-    """Return y*(t), its first and its second derivative [m, m/s, m/s^2], eq. (27).
+def rest_to_rest(step: BezierStep, derivatives: int = 2) -> tuple[Expr, ...]:
+    """Return y*(t) and its first derivatives, two by default [m, m/s, m/s^2], eq. (27).
 
     Expressions in t, start_gap, end_gap, start_time and end_time, constant outside the move.
     """
@@ -118,7 +118,11 @@ def rest_to_rest(step: BezierStep) -> tuple[Expr, Expr, Expr]:
     gap = start_gap + travel * step.value.subs(inside)
     velocity = travel / duration * step.slope.subs(inside)
     acceleration = travel / duration**2 * step.curvature.subs(inside)
-    return gap, velocity, acceleration
+    known = (gap, velocity, acceleration)
+    if derivatives == 2:
+        return known
+    jerk = travel / duration**3 * sp.factor(sp.diff(step.curvature, tau)).subs(inside)
+    return (*known, jerk)
 
 
 def peak_acceleration(step: BezierStep) -> Expr:

@@ -13,6 +13,8 @@ from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.laws import ControlLaw, StateSpace, u_max, u_min, w
 
 commanded = Symbol("u_cmd", real=True)
+SIGNALS = (p.y, p.v, p.y_ref, p.v_ref, p.acc_ref, p.jerk_ref)
+"""What a law may read at a sample, in the order of its arguments."""
 
 
 def discretise(core: StateSpace, method: Method) -> StateSpace:
@@ -31,6 +33,8 @@ def discretise(core: StateSpace, method: Method) -> StateSpace:
         sampled = StateSpace(
             half * (unit + core.A * p.T / 2), half * core.B * p.T, core.C * half, through
         )
+    elif order > 2:
+        return StateSpace(*_held_companion(core), core.C, core.D)
     else:
         width = core.B.shape[1]
         block = Matrix.vstack(Matrix.hstack(core.A, core.B), sp.zeros(width, order + width))
@@ -38,6 +42,33 @@ def discretise(core: StateSpace, method: Method) -> StateSpace:
         sampled = StateSpace(held[:order, :order], held[:order, order:], core.C, core.D)
     simple = [m.applyfunc(sp.factor) for m in (sampled.A, sampled.B, sampled.C, sampled.D)]
     return StateSpace(*simple)
+
+
+def _held_companion(core: StateSpace) -> tuple[Matrix, Matrix]:
+    """Return A and B over a period of an integrator beside the companion form of s^2 - a s - b.
+
+    With D = (a/2)^2 + b and r its root, exp(A t) = exp(a t/2) (cosh(r t) + (A - a/2) sinh(r t)/r),
+    whose hyperbolic functions are those of the circle where D < 0.
+    """
+    a, b = core.A[1, 1], core.A[1, 2]
+    companion = sp.diag(0, Matrix([[a, b], [1, 0]]))
+    known = companion == core.A and Matrix([1, 1, 0]) == core.B
+    if not known:
+        raise ValueError("no step-invariant form of this core")
+    half, bend = a / 2, (a / 2) ** 2 + b
+    size = sp.sqrt(sp.Max(sp.Abs(bend), DOUBLE_ROOT * half**2))
+    even = sp.Piecewise((sp.cosh(size * p.T), bend > 0), (sp.cos(size * p.T), True))
+    odd = sp.Piecewise((sp.sinh(size * p.T), bend > 0), (sp.sin(size * p.T), True)) / size
+    decay = sp.exp(half * p.T)
+    held = Matrix(
+        [[decay * (even + half * odd), decay * b * odd], [decay * odd, decay * (even - half * odd)]]
+    )
+    entered = Matrix([held[1, 0], (held[0, 0] - 1 - a * held[1, 0]) / b])
+    return sp.diag(1, held), Matrix.vstack(Matrix([p.T]), entered)
+
+
+DOUBLE_ROOT = sp.Rational(1, 2**40)
+"""Share of (a/2)^2 below which two roots count as one: what it changes is less than that share."""
 
 
 @dataclass(frozen=True)
@@ -48,14 +79,15 @@ class DifferenceEquation:
     ----------
     law : ControlLaw
     signals : tuple of Symbol
-        What the step reads at a sample: y, y*, y*'' and, where the law uses them, y' and y*'.
+        What the step reads at a sample: y, y*, y*'' and, where the law uses them, y', y*', y*'''.
     next_states : tuple of Expr
         States at the next sample.
     commanded, applied : Expr
         Voltage before and after the clamp.
     coefficients : mapping of Symbol to Expr
-        What the step's coefficients are in the gains, the believed coefficients, T and the
-        limits. The limits u_min, u_max, and Y and U are arguments of the step as they are.
+        What the step's coefficients are in the gains, the believed coefficients, T, the
+        limits and the letters of the law. The limits u_min, u_max, and Y and U are arguments of the
+        step as they are.
     feedforward : Expr
         Voltage before the clamp at w = 0, in the step's coefficients.
     """
@@ -71,9 +103,9 @@ class DifferenceEquation:
 
 def signals(law: ControlLaw) -> tuple[Symbol, ...]:
     """Return what a law reads at a sample, in the order of its arguments."""
-    used = {symbol for entry in law.inputs for symbol in entry.free_symbols}
+    used = {symbol for entry in (*law.inputs, law.command) for symbol in entry.free_symbols}
     always = (p.y, p.y_ref, p.acc_ref)
-    return tuple(x for x in (p.y, p.v, p.y_ref, p.v_ref, p.acc_ref) if x in always or x in used)
+    return tuple(x for x in SIGNALS if x in always or x in used)
 
 
 def clamp(voltage: Expr) -> Expr:
@@ -137,7 +169,7 @@ def difference_equation(law: ControlLaw, method: Method) -> DifferenceEquation:
 def bumpless_start(equation: DifferenceEquation) -> tuple[Expr, ...]:
     """Return the states from which the first command is a given voltage u.
 
-    A state that does not integrate starts where the first sample, if it stayed, would leave it;
+    The states that do not integrate start where the first sample, if it stayed, would leave them;
     the integrator makes up the rest of the voltage, as far as its bound allows. In the signals,
     u, Y, U and the step's coefficients.
 
@@ -151,11 +183,13 @@ def bumpless_start(equation: DifferenceEquation) -> tuple[Expr, ...]:
         raise ValueError(f"{law.controller.name}: one integrator is needed for a bumpless start")
     (n,) = law.integrators
     integrator = law.states[n]
-    rest = {
-        state: sp.factor(sp.solve(following - state, state)[0])
+    stay = {
+        state: following - state
         for k, (state, following) in enumerate(zip(law.states, equation.next_states, strict=True))
         if k != n
     }
+    (solved,) = sp.solve(list(stay.values()), list(stay), dict=True) if stay else ({},)
+    rest = {state: sp.factor(solved[state]) for state in stay}
     gain = sp.diff(equation.commanded, integrator)
     if gain.free_symbols & {integrator, *equation.signals}:
         raise ValueError(f"{law.controller.name}: the command is not linear in its integrator")

@@ -30,9 +30,19 @@ first_part = Symbol("T_1", nonnegative=True)
 """[s] Part of a period for which the voltage of an earlier sample still acts."""
 
 
+HATS = {
+    p.C_U: p.C_U_hat,
+    p.C_Y: p.C_Y_hat,
+    p.delta: p.delta_hat,
+    p.tau: p.tau_hat,
+    p.kappa: p.kappa_hat,
+}
+"""The coefficients of the tangent plant, and those that a controller believes."""
+
+
 def believed(expression: Expr) -> Expr:
-    """Return `expression` with the controller's C_U^ and C_Y^ for C_U and C_Y."""
-    return expression.subs({p.C_U: p.C_U_hat, p.C_Y: p.C_Y_hat})
+    """Return `expression` with what the controller believes: C_U^ for C_U and so on."""
+    return expression.subs(HATS)
 
 
 def closed_loop_polynomial(law: ControlLaw | None = None) -> tuple[Expr, ...]:
@@ -94,7 +104,9 @@ def routh_hurwitz(coefficients: Sequence[Expr]) -> tuple[Expr, ...]:
     return tuple(sp.factor(condition) for condition in conditions)
 
 
-def routh_array(coefficients: Sequence[Expr]) -> tuple[tuple[Expr, ...], ...]:
+def routh_array(
+    coefficients: Sequence[Expr], *, simple: bool = True
+) -> tuple[tuple[Expr, ...], ...]:
     """Return the rows of the Routh array, that of s^n first, as textbooks print it.
 
     The roots lie left of 0 iff the first column has one sign; each change is a root on the right.
@@ -103,6 +115,8 @@ def routh_array(coefficients: Sequence[Expr]) -> tuple[tuple[Expr, ...], ...]:
     ----------
     coefficients : sequence of Expr
         a_n, ..., a_0, highest power first.
+    simple : bool
+        Whether entries are brought to one fraction; as they stand they are shorter to compute.
 
     Examples
     --------
@@ -115,9 +129,11 @@ def routh_array(coefficients: Sequence[Expr]) -> tuple[tuple[Expr, ...], ...]:
     for _ in range(len(coefficients) - 2):
         padded = (*lower, *([sp.Integer(0)] * (len(upper) - len(lower))))
         following = tuple(
-            sp.cancel((lower[0] * upper[j + 1] - upper[0] * padded[j + 1]) / lower[0])
+            (lower[0] * upper[j + 1] - upper[0] * padded[j + 1]) / lower[0]
             for j in range(len(upper) - 1)
         )
+        if simple:
+            following = tuple(sp.cancel(entry) for entry in following)
         upper, lower = lower, following
         rows.append(following)
     return tuple(rows)

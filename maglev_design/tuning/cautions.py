@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 
-from maglev_design.controller.design import fastest_unstable_pole, voltage_warning
+from maglev_design.controller.checks import voltage_warning
+from maglev_design.controller.design import (
+    fastest_unstable_pole,
+)
 from maglev_design.rig import DEFAULT_VOLTAGE_ERROR
 from maglev_design.tuning.problem import TuningProblem
 

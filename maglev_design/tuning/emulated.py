@@ -17,7 +17,7 @@ import numpy as np
 
 from maglev_design import linear_loop as loops
 from maglev_design.controller.design import Design, PoleSpec, make_design
-from maglev_design.options import TAN_GPI
+from maglev_design.controller.matching import matching_law
 from maglev_design.rig import Rig
 from maglev_design.simulation import (
     Metrics,
@@ -194,7 +194,7 @@ def emulated_row(
         other = emulations(
             problem,
             own,
-            design_at(replace(problem, controller=TAN_GPI, gains=None), baseline),
+            design_at(replace(problem, controller=matching_law(problem.rig), gains=None), baseline),
             seeds,
         )
     changed = emulated(rig)

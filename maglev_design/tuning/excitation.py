@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from maglev_design.controller.design import check_path_voltage
+from maglev_design.controller.checks import check_path_voltage
 from maglev_design.errors import InputError
 from maglev_design.rig import InitialState, Rig
 

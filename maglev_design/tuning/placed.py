@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design.controller.design import Believed, PoleSpec, gain_names
+from maglev_design.controller.matching import matching_law
 from maglev_design.errors import InfeasibleError, InputError, nearest
-from maglev_design.options import TAN_GPI, Controller
+from maglev_design.options import Controller
 from maglev_design.programs import gains_of_pid_program
 from maglev_design.tuning.cautions import cautions
 from maglev_design.tuning.emulated import emulated_row
@@ -79,6 +80,11 @@ def gains_of(
     InfeasibleError
         When the gains place no stable poles.
     """
+    if controller.plant_order > 2:
+        raise InputError(
+            "--gains: not for the third-order law, whose poles are two pairs, the second twice; "
+            "give --zeta with --omega-n, or --poles"
+        )
     own = tuple(name for name in gain_names(controller) if name != FILTER)
     pid = controller.name == "lin-pid"
     filters = (FILTER, FILTER_OTHERWISE) if pid else ()
@@ -190,7 +196,7 @@ def judged(
     compared = None
     if baseline is not None:
         report("comparing", 0.6)
-        other = changed(problem, controller=TAN_GPI, gains=None)
+        other = changed(problem, controller=matching_law(problem.rig), gains=None)
         if design_at(other, baseline).sha256 != design.sha256:
             compared = judged_baseline(other, baseline)
     return TuneResult(

@@ -24,6 +24,7 @@ from maglev_design.controller.design import (
     fastest_unstable_pole,
 )
 from maglev_design.controller.family import Family, family_of
+from maglev_design.controller.matching import check_law, matching_law
 from maglev_design.errors import InputError, nearest
 from maglev_design.figures import DESCRIBED, OBJECTIVES, ShownFigure
 from maglev_design.options import (
@@ -199,7 +200,7 @@ def build_problem(
     omega_bounds: tuple[float, float] | None = None,
     seed: int = 0,
     certifies: Certifies | None = None,
-    controller: Controller = TAN_GPI,
+    controller: Controller | None = None,
     gains: tuple[float, ...] | None = None,
 ) -> TuningProblem:
     """Return the tuning problem of `rig`; where nothing moves, with the standard excitation.
@@ -209,7 +210,9 @@ def build_problem(
     beta_error, voltage
         As :func:`maglev_design.controller.family.family_of` and
         :func:`maglev_design.controller.design.believed_equilibrium` take them.
-    controller, gains
+    controller : Controller, optional
+        Default: TAN-GPI of the order of the rig's plant.
+    gains : tuple of float, optional
         For a controller that is judged and not searched for.
 
     Raises
@@ -225,6 +228,8 @@ def build_problem(
     if scenarios == "emulated":
         rig = designed_for(rig)
     rig, excitation = excited(rig)
+    controller = controller or matching_law(rig)
+    check_law(rig, controller)
     believed = believed_equilibrium(rig, equilibrium, voltage=voltage)
     over = family_of(rig, equilibrium, beta_error)
     if not max_ms > 1:

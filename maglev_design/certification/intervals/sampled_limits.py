@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design import linear_loop as loops
 from maglev_design.certification.intervals.arithmetic import between, working
 from maglev_design.certification.intervals.routh import is_hurwitz
 from maglev_design.certification.intervals.sampled import (
@@ -33,6 +32,7 @@ from maglev_design.certification.intervals.sampled_path import (
 )
 from maglev_design.certification.rationals import decimal
 from maglev_design.controller.timing import ExactTiming, exact_timing
+from maglev_design.linear_loop.polynomials import polynomial_roots
 from maglev_design.rig import LONGEST_PERIOD, MOST_DELAYED_PERIODS
 
 GAPS = 7
@@ -112,7 +112,7 @@ def radii(loop: Setting, when: ExactTiming, gaps: NDArray[np.float64]) -> NDArra
     v = float(sum(nominal_quotients(loop)) / 2)
     rho = loop.shape_at(true, float) / v
     rows = fixed + rho * (gain + float(loop.C_Y_hat) * gain_c_y)
-    return np.asarray(np.abs(loops.polynomial_roots(rows.T)).max(axis=1))
+    return np.asarray(np.abs(polynomial_roots(rows.T)).max(axis=1))
 
 
 def largest_period(

@@ -21,7 +21,7 @@ from maglev_design.cli.arguments import (
     Seed,
     Zeta,
 )
-from maglev_design.options import ControllerName, TestName
+from maglev_design.options import LawName, TestName
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,9 +44,7 @@ class SimulateOptions:
         TestName | None,
         typer.Option(help="nominal (default); noise; or noise with beta_c = 1.15 beta."),
     ] = None
-    controller: Annotated[
-        ControllerName | None, typer.Option(help="Which law; default: tan-gpi.")
-    ] = None
+    controller: Annotated[LawName | None, typer.Option(help="Which law; default: tan-gpi.")] = None
     feedforward: PidFeedforward = None
     derivative: PidDerivative = None
     filter: PidFilter = None

@@ -17,7 +17,7 @@ from maglev_design.cli.arguments import (
     Zeta,
     to,
 )
-from maglev_design.options import CONTROLLERS, Backend
+from maglev_design.options import LAWS, Backend
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +38,7 @@ class SweepOptions:
     controller: Annotated[
         list[str] | None,
         typer.Option(
-            metavar=f"[{'|'.join(CONTROLLERS)}]",
+            metavar=f"[{'|'.join(LAWS)}]",
             help="A law with --zeta and --omega-n; may be given several times.",
         ),
     ] = None

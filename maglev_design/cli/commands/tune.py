@@ -28,6 +28,13 @@ class TuneOptions:
 
     rig: RigSource = DEFAULT_PRESET
     objective: Annotated[Objective, typer.Option(help="What to minimise.")] = "itae"
+    controller: Annotated[
+        Literal["tan-gpi", "tan-gpi-2"],
+        typer.Option(
+            help="tan-gpi: of the order of the rig's plant; tan-gpi-2: the second-order law on a "
+            "rig with a coil or a lag."
+        ),
+    ] = "tan-gpi"
     equilibrium: Reading = "model"
     method: Annotated[
         Literal[Method, "auto"] | None,

@@ -6,7 +6,8 @@ to u and P that of the plant from u to y,
 
     S = 1/(1 - P H) = D/(D + N),
 
-D and N those of :func:`maglev_design.symbolic.stability.sampled_loop`.
+D and N those of :func:`maglev_design.symbolic.stability.sampled_loop` for the plant s^2 - C_Y, and
+of :mod:`maglev_design.linear_loop.general` for one of another order.
 """
 
 from __future__ import annotations
@@ -23,9 +24,11 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from maglev_design import programs
-from maglev_design.controller.design import Believed, Design
+from maglev_design.controller.design import Believed, Design, coefficient_inputs, on_plant
 from maglev_design.controller.family import Family
 from maglev_design.controller.timing import timing
+from maglev_design.linear_loop.general import PlacedLaw, any_order
+from maglev_design.linear_loop.polynomials import mean_square, modulus, polynomial_roots, sum_of
 from maglev_design.options import TAN_GPI, Controller, Method
 from maglev_design.rig import Rig
 
@@ -142,27 +145,37 @@ def build_loop(
         else [ca.SX(k) for k in gains]
     )
     offset = plant.gap_offset
-    held, c_u, c_y = programs.plant_program().casadi(plant.gravity, beta, offset, gap)
+    equilibrium = programs.plant_program(rig.kind)
+    held, c_u, c_y = equilibrium.casadi(
+        *on_plant(equilibrium, rig, plant.gravity, beta, offset, gap)
+    )
     slope, believed_gain = programs.slope_program(controller).casadi(
         held, gap, believed.beta, offset, believed.C_U
     )
     gain = c_u * slope
 
-    known = (believed.C_U, believed.C_Y, c_y, period, when.part)
-    parts = _sampled(method, controller, gain, *known, *placed)
+    if rig.kind.order == 2 and not rig.kind.damped and controller.design_model == "undamped":
+        known = (believed.C_U, believed.C_Y, c_y, period, when.part)
+        parts = _sampled(method, controller, gain, *known, *placed)
+        parts["effort"] = [slope * x for x in parts["effort"]]
+        shares = programs.hurwitz_program(controller).casadi(
+            gain / believed_gain, c_y, believed.C_Y, *placed
+        )
+    else:
+        names = programs.gains_program(controller).outputs
+        numbers = coefficient_inputs(rig, believed) | dict(zip(names, placed, strict=True))
+        law = PlacedLaw(controller, method, numbers, slope)
+        parts, shares = any_order(rig, law, believed.beta, (gap, beta), when.part)
     late = [ca.SX(0)] * whole
     numerator, denominator = parts["num"], parts["den"] + late
-    closed = _sum(denominator, numerator)
+    closed = sum_of(denominator, numerator)
 
     base = [poles, gap, ratio]
-    peak = _modulus(denominator, theta) / _modulus(closed, theta)
+    peak = modulus(denominator, theta) / modulus(closed, theta)
     where = ca.vertcat(gap, ratio, theta)
     coefficients = ca.vertcat(*closed)
-    effort = [slope * x for x in parts["effort"]] + late
-    noise = ca.sqrt(_mean_square(effort, closed))
-    shares = programs.hurwitz_program(controller).casadi(
-        gain / believed_gain, c_y, believed.C_Y, *placed
-    )
+    effort = parts["effort"] + late
+    noise = ca.sqrt(mean_square(effort, closed))
     margin = ca.mmin(ca.vertcat(*shares))
     return Loop(
         period=period,
@@ -189,38 +202,6 @@ def _sampled(method: Method, controller: Controller, *known: Any) -> dict[str, l
     for name, value in zip(lowered.outputs, lowered.casadi(*known), strict=True):
         parts.setdefault(name.rstrip("0123456789"), []).append(value)
     return parts
-
-
-def _sum(longer: Sequence[Any], shorter: Sequence[Any]) -> list[Any]:
-    pad = len(longer) - len(shorter)
-    return [x + (shorter[n - pad] if n >= pad else 0) for n, x in enumerate(longer)]
-
-
-def _modulus(coefficients: Sequence[Any], theta: Any) -> Any:
-    """Return |polynomial| at exp(j theta)."""
-    powers = range(len(coefficients) - 1, -1, -1)
-    real = sum(c * ca.cos(n * theta) for c, n in zip(coefficients, powers, strict=True))
-    imaginary = sum(c * ca.sin(n * theta) for c, n in zip(coefficients, powers, strict=True))
-    return ca.sqrt(real**2 + imaginary**2)
-
-
-def _mean_square(numerator: Sequence[Any], denominator: Sequence[Any]) -> Any:
-    """Return the variance of numerator/denominator driven by white noise of variance one.
-
-    Recursion of Astrom, Jury and Agniel (IEEE Trans. Automatic Control 15, 1970): exact for a
-    stable denominator, both highest power first; it reduces the degree by one a turn.
-    """
-    a = list(denominator)
-    b = [ca.SX(0)] * (len(a) - len(numerator)) + list(numerator)
-    lead, total = a[0], ca.SX(0)
-    while True:
-        total += b[-1] ** 2 / a[0]
-        if len(a) == 1:
-            return total / lead
-        last = len(a) - 1
-        alpha, weight = a[-1] / a[0], b[-1] / a[0]
-        b = [b[i] - weight * a[last - i] for i in range(last)]
-        a = [a[i] - alpha * a[last - i] for i in range(last)]
 
 
 def peak_sensitivity(loop: Loop, poles: Sequence[float], over: Family) -> Extreme:
@@ -355,15 +336,6 @@ def spectral_radius(loop: Loop, poles: Sequence[float], over: Family) -> Extreme
     gradient = np.real(np.conj(root) * moved) / abs(root)
     gap, ratio = points[:, which]
     return Extreme(float(abs(root)), float(gap), float(ratio), math.nan, gradient)
-
-
-def polynomial_roots(rows: Array) -> NDArray[np.complex128]:
-    """Return the roots of polynomials, one a row, highest power first; shape (n, degree)."""
-    degree = rows.shape[1] - 1
-    companions = np.zeros((len(rows), degree, degree))
-    companions[:, 0, :] = -rows[:, 1:] / rows[:, :1]
-    companions[:, np.arange(1, degree), np.arange(degree - 1)] = 1.0
-    return np.asarray(np.linalg.eigvals(companions), dtype=complex)
 
 
 def noise_voltage(loop: Loop, poles: Sequence[float], over: Family, deviation: float) -> Extreme:
