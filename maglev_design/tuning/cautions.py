@@ -8,7 +8,7 @@ from maglev_design.controller.checks import voltage_warning
 from maglev_design.controller.design import (
     fastest_unstable_pole,
 )
-from maglev_design.rig import DEFAULT_VOLTAGE_ERROR
+from maglev_design.rig import DEFAULT_VOLTAGE_ERROR, Rig
 from maglev_design.tuning.problem import TuningProblem
 
 NOTICED_COIL, NO_IDEAL_DRIVE = 0.02, 0.05
@@ -21,7 +21,7 @@ def cautions(problem: TuningProblem) -> tuple[str, ...]:
     """Return the warnings of a problem, the gravest first; none depends on the answer."""
     rig = problem.rig
     pole = fastest_unstable_pole(rig)
-    found = [coil(pole, rig.emulator.time_constant), voltage_warning(rig)]
+    found = [coil(rig, pole), voltage_warning(rig)]
     if problem.equilibrium == "measured" and rig.uncertainty.voltage is None:
         found.append(
             f"uncertainty.voltage is not given: {100 * DEFAULT_VOLTAGE_ERROR:g} % assumed for the "
@@ -45,20 +45,31 @@ def sampling_product(problem: TuningProblem) -> str:
     )
 
 
-def coil(pole: float, time_constant: float) -> str | None:
-    """Return a warning where the coil is too slow for the design's ideal current drive."""
-    product = pole * time_constant
+def coil(rig: Rig, pole: float) -> str | None:
+    """Return a warning where ``[emulator]`` has a coil that the design's plant has not."""
+    product = pole * rig.emulator.time_constant
+    if rig.kind.order > 2:
+        if not product:
+            return None
+        return (
+            "[emulator] inductance and resistance play no part: the plant has the "
+            f"{1e3 * rig.drive.time_constant:.3g} ms of its [drive]; take them out"
+        )
     if product < NOTICED_COIL:
         return None
+    own = rig.emulator
     return (
-        f"p L/R = {product:.2g}: the current lags the voltage by L/R = {1e3 * time_constant:.3g} "
-        f"ms ([emulator] inductance, resistance) and the unstable pole is p = {pole:.3g} 1/s; the "
-        "design assumes an ideal current drive, i = C u at once"
+        f"p L/R = {product:.2g}: the current lags the voltage by L/R = "
+        f"{1e3 * own.time_constant:.3g} ms ([emulator] inductance, resistance) and the unstable "
+        f"pole is p = {pole:.3g} 1/s; the design assumes an ideal current drive, i = C u at once"
         + (
             f", and >= {NO_IDEAL_DRIVE:g} is no ideal drive: do not trust these figures on the rig"
             if product >= NO_IDEAL_DRIVE
             else ""
         )
+        + "; to design for the coil, take current_gain out and put in [drive] with "
+        + f'kind = "voltage", resistance = {1 / rig.current_gain:.6g}, '
+        + f"inductance = {own.time_constant / rig.current_gain:.4g}"
     )
 
 
