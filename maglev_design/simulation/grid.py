@@ -280,7 +280,7 @@ def _drive_speed(rig: Rig, kind: PlantKind, *, emulate: bool) -> float:
         )[0]
         for gap in designs.path_gaps(rig, 2)
     )
-    return numbers["R"] / least
+    return 1 / (least / numbers["R"])
 
 
 def _tables(
