@@ -111,7 +111,7 @@ def changed(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
         if value is ...:
             del table[last]
         else:
-            table[last] = value
+            table[last] = copy.deepcopy(value)
     return data
 
 
