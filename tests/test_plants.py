@@ -36,6 +36,7 @@ from maglev_design.options import (
     TAN_GPI,
     Actuation,
     Controller,
+    DesignModel,
     ForceLaw,
     PlantKind,
 )
@@ -179,7 +180,7 @@ def test_what_a_controller_believes_is_the_plant_at_its_gap(kind: PlantKind) -> 
     known |= {"beta": known["beta_c"], "y": known["Y"]}
     _, c_u, c_y, _, *behind = believed.scalar()(*[known[n] for n in believed.inputs])
     delta, tau, kappa = behind or (0.0, 0.0, 0.0)
-    model = "lag" if kind.order > 2 else "damped"
+    model: DesignModel = "lag" if kind.order > 2 else "damped"
     numbers = dict(zip(p_letters(), (c_u, c_y, delta, tau, kappa), strict=True))
     designed: Tangent = design_tangent(model)
     expected = np.array(sp.Matrix.hstack(designed.A, designed.B).subs(numbers), dtype=float)
