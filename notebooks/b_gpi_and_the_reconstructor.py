@@ -51,12 +51,14 @@ from maglev_design.paper.theory_linear import (
 from maglev_design.reporting.plots.style import BLUE, GREEN, GREY, RED, STYLE, WIDTH
 from maglev_design.rig import load_rig
 from maglev_design.symbolic import plant as p
-from maglev_design.symbolic.laws import (
-    control_law,
+from maglev_design.symbolic.gpi import (
     gain_symbols,
     gpi_transfer,
     match_coefficients,
     pole_pairs_polynomial,
+)
+from maglev_design.symbolic.laws import (
+    control_law,
     tan_gpi,
 )
 from maglev_design.symbolic.stability import closed_loop_polynomial

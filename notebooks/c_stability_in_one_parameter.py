@@ -55,7 +55,13 @@ from maglev_design.reporting.plots.style import BLUE, GREEN, GREY, RED, STYLE, W
 from maglev_design.rig import load_rig, make_rig
 from maglev_design.simulation import Scenario, loop_for, simulate
 from maglev_design.symbolic import plant as p
-from maglev_design.symbolic.laws import match_coefficients, pole_pairs_polynomial, tan_gpi
+from maglev_design.symbolic.gpi import (
+    match_coefficients,
+    pole_pairs_polynomial,
+)
+from maglev_design.symbolic.laws import (
+    tan_gpi,
+)
 from maglev_design.symbolic.robustness import GAP, largest_ratio
 from maglev_design.symbolic.stability import (
     closed_loop_polynomial,

@@ -17,6 +17,7 @@ from scipy.signal import cont2discrete
 
 from maglev_design.controller import checks
 from maglev_design.controller import design as designs
+from maglev_design.controller.believed import Believed
 from maglev_design.controller.design import PoleSpec
 from maglev_design.controller.timing import Timing, timing
 from maglev_design.errors import InputError
@@ -108,7 +109,7 @@ def test_the_true_equilibrium_is_that_of_the_force_law(data: dict[str, Any]) -> 
         here = designs.true_equilibrium(rig, beta, gap)
         U = math.sqrt(g / beta) * (gap + y0)
         expected = (U, 2 * beta * U / (gap + y0) ** 2, 2 * beta * U**2 / (gap + y0) ** 3, beta)
-        assert dataclasses.astuple(here) == pytest.approx(expected, rel=ROUNDING)
+        assert dataclasses.astuple(here)[:4] == pytest.approx(expected, rel=ROUNDING)
 
 
 def readings(rig: Rig, beta_c: float, voltage: float) -> dict[Equilibrium, tuple[float, ...]]:
@@ -135,7 +136,7 @@ def test_the_controller_believes_what_its_reading_says(
     beta_c = beta_of(rig) * factor
     believed = designs.believed_equilibrium(rig, equilibrium, beta_c=beta_c, voltage=given)
     expected = readings(rig, beta_c, given or 2.7)[equilibrium]
-    assert dataclasses.astuple(believed) == pytest.approx(expected, rel=ROUNDING)
+    assert dataclasses.astuple(believed)[:4] == pytest.approx(expected, rel=ROUNDING)
 
 
 @pytest.mark.parametrize("equilibrium", ["appendix-a", "measured"])
@@ -185,7 +186,7 @@ def test_a_controller_has_a_name_that_its_numbers_alone_decide() -> None:
         {"gains": (1.0, 2.0, 3.0, 4.0)},
         {"coefficients": {}},
         {"method": "euler"},
-        {"believed": designs.Believed(2.0, 9.0, 790.0, 1e-3)},
+        {"believed": Believed(2.0, 9.0, 790.0, 1e-3)},
     ],
     ids=lambda change: next(iter(change)),
 )

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from maglev_design.lowering import lower
 from maglev_design.options import CONTROLLERS, Controller
-from maglev_design.symbolic import laws, stability
+from maglev_design.symbolic import gpi, laws, stability
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.linearisation import linearise
 
@@ -37,7 +37,7 @@ GAINS = lower(
     dict(
         zip(
             ("k0", "k1", "k2", "k3"),
-            laws.match_coefficients(laws.pole_pairs_polynomial(PAIRS), 4),
+            gpi.match_coefficients(gpi.pole_pairs_polynomial(PAIRS), 4),
             strict=True,
         )
     ),
@@ -67,7 +67,7 @@ def test_the_paper_s_poles_give_the_gains_of_its_formula() -> None:
 @given(st.lists(st.floats(0.5, 9.0), min_size=2, max_size=6))
 def test_poles_of_any_order_are_placed(poles: list[float]) -> None:
     exact = [sp.Rational(pole) for pole in poles]
-    gains = laws.match_coefficients(sp.Mul(*[p.s + pole for pole in exact]), len(poles))
+    gains = gpi.match_coefficients(sp.Mul(*[p.s + pole for pole in exact]), len(poles))
     desired = np.poly([-pole for pole in poles])[1:][::-1]
     assert [float(k) for k in gains] == pytest.approx(list(desired), rel=POLYNOMIAL)
 
@@ -79,7 +79,7 @@ def test_a_polynomial_that_is_not_monic_of_the_order_is_refused(
     polynomial: sp.Expr, order: int
 ) -> None:
     with pytest.raises(ValueError, match="monic of order"):
-        laws.match_coefficients(polynomial, order)
+        gpi.match_coefficients(polynomial, order)
 
 
 # --- the law -------------------------------------------------------------------------------
@@ -87,8 +87,8 @@ def test_a_polynomial_that_is_not_monic_of_the_order_is_refused(
 
 @pytest.mark.parametrize("order", [3, 4, 5, 6])
 def test_the_law_of_any_order_places_the_poles(order: int) -> None:
-    gains = laws.gain_symbols(order)
-    numerator, denominator = sp.fraction(sp.together(laws.gpi_transfer(gains)))
+    gains = gpi.gain_symbols(order)
+    numerator, denominator = sp.fraction(sp.together(gpi.gpi_transfer(gains)))
     loop = sp.Poly(sp.expand(denominator * (p.s**2 - p.C_Y) + numerator), p.s)
     desired = p.s**order + sum(k * p.s**n for n, k in enumerate(gains))
     assert sp.expand(loop.monic().as_expr() - desired) == 0
@@ -96,7 +96,7 @@ def test_the_law_of_any_order_places_the_poles(order: int) -> None:
 
 def test_the_transfer_function_is_the_known_one() -> None:
     known = ((p.k2 + p.C_Y) * p.s**2 + (p.k1 + p.k3 * p.C_Y) * p.s + p.k0) / (p.s * (p.s + p.k3))
-    assert sp.simplify(laws.gpi_transfer((p.k0, p.k1, p.k2, p.k3)) - known) == 0
+    assert sp.simplify(gpi.gpi_transfer((p.k0, p.k1, p.k2, p.k3)) - known) == 0
     assert sp.simplify(LAW.core.transfer(p.s) - known / p.C_U) == 0
 
 

@@ -20,7 +20,7 @@ import pytest
 from maglev_design import programs
 from maglev_design.files import joint_hash
 from maglev_design.lowering import Operation, Program
-from maglev_design.options import TAN_GPI
+from maglev_design.options import PAPER_PLANT, TAN_GPI, PlantKind
 from maglev_design.programs import derived
 
 POSSIBLE: dict[str, tuple[Any, ...]] = {
@@ -28,6 +28,9 @@ POSSIBLE: dict[str, tuple[Any, ...]] = {
     "controller": (TAN_GPI,),
     "equilibrium": ("model", "appendix-a", "measured"),
     "crossing": (True, False),
+    "kind": (PlantKind("power", 2, "coil", damped=True, offset=True),),
+    "derivatives": (3,),
+    "order": (6,),
 }
 
 
@@ -106,17 +109,17 @@ def test_what_is_no_program_is_not_read_as_one(what: str, folder: Path) -> None:
     text = BAD[what] if isinstance(BAD[what], str) else json.dumps(BAD[what])
     with pytest.raises(ValueError, match="not a program"):
         Program.from_json(text)
-    good = programs.program("beta")
+    good = programs.program("beta", PAPER_PLANT)
     (path,) = folder.iterdir()
     path.write_bytes(f"{joint_hash(text)}\n{text}".encode())  # whole, and yet no program
     forget()
-    assert programs.program("beta") == good
+    assert programs.program("beta", PAPER_PLANT) == good
 
 
 def test_another_source_is_another_program(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    programs.program("beta")
+    programs.program("beta", PAPER_PLANT)
     before = programs.fingerprint()
     copies = []
     for place in programs.SOURCES:
@@ -130,7 +133,7 @@ def test_another_source_is_another_program(
         file.write_text(file.read_text() + "\n")
         forget()
         seen.add(programs.fingerprint())
-        programs.program("beta")
+        programs.program("beta", PAPER_PLANT)
     assert len(seen) == len(list(folder.iterdir())) == 4
 
 

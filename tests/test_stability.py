@@ -19,7 +19,7 @@ from scipy.linalg import expm
 
 from maglev_design.lowering import lower
 from maglev_design.options import METHODS, Method
-from maglev_design.symbolic import laws, sampling, stability
+from maglev_design.symbolic import gpi, laws, sampling, stability
 from maglev_design.symbolic import plant as p
 
 Array = NDArray[np.float64]
@@ -31,8 +31,8 @@ GAINS = lower(
     dict(
         zip(
             ("k0", "k1", "k2", "k3"),
-            laws.match_coefficients(
-                laws.pole_pairs_polynomial([(p.zeta, p.omega_n), (p.zeta, p.omega_n)]), 4
+            gpi.match_coefficients(
+                gpi.pole_pairs_polynomial([(p.zeta, p.omega_n), (p.zeta, p.omega_n)]), 4
             ),
             strict=True,
         )
@@ -152,7 +152,7 @@ def test_the_one_condition_decides_stability() -> None:
 
 def _gain_expressions() -> Sequence[sp.Expr]:
     pair = (p.zeta, p.omega_n)
-    return laws.match_coefficients(laws.pole_pairs_polynomial([pair, pair]), 4)
+    return gpi.match_coefficients(gpi.pole_pairs_polynomial([pair, pair]), 4)
 
 
 def test_the_condition_is_the_known_one() -> None:

@@ -6,7 +6,15 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from maglev_design.controller.design import MODEL_NUMBERS, Believed, Design, PoleSpec, gain_names
+from maglev_design.controller.believed import (
+    MODEL_NUMBERS,
+    Believed,
+)
+from maglev_design.controller.design import (
+    Design,
+    PoleSpec,
+    gain_names,
+)
 from maglev_design.errors import InputError
 from maglev_design.files import finite
 from maglev_design.options import CONTROLLERS, EQUILIBRIA, METHODS, Controller

@@ -10,10 +10,12 @@ from maglev_design.derivation.control import FOUR, printed_law
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic import reference as ref
 from maglev_design.symbolic.flatness import FlatModel
-from maglev_design.symbolic.laws import (
+from maglev_design.symbolic.gpi import (
     gpi_transfer,
     match_coefficients,
     pole_pairs_polynomial,
+)
+from maglev_design.symbolic.laws import (
     tan_gpi,
 )
 from maglev_design.symbolic.linearisation import Linearisation, believed_coefficients

@@ -10,11 +10,13 @@ from sympy import Expr, Matrix
 from maglev_design.derivation import terms as d
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic.flatness import FlatModel
-from maglev_design.symbolic.laws import (
+from maglev_design.symbolic.gpi import (
     gain_symbols,
     gpi_transfer,
     match_coefficients,
     pole_pairs_polynomial,
+)
+from maglev_design.symbolic.laws import (
     reference_voltage,
     tan_gpi,
 )

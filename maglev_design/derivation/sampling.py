@@ -11,7 +11,12 @@ from maglev_design.derivation import terms as d
 from maglev_design.derivation.control import FOUR
 from maglev_design.options import Method
 from maglev_design.symbolic import plant as p
-from maglev_design.symbolic.laws import gpi_transfer, tan_gpi
+from maglev_design.symbolic.gpi import (
+    gpi_transfer,
+)
+from maglev_design.symbolic.laws import (
+    tan_gpi,
+)
 from maglev_design.symbolic.sampling import discretise
 from maglev_design.symbolic.stability import first_part, sampled_plant
 

@@ -16,7 +16,9 @@ from sympy import Expr, Matrix, Symbol
 
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic import reference as ref
-from maglev_design.symbolic.laws import gain_symbols
+from maglev_design.symbolic.gpi import (
+    gain_symbols,
+)
 from maglev_design.symbolic.stability import first_part
 
 Relation = Literal["=", ">", "~"]

@@ -24,7 +24,14 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from maglev_design import programs
-from maglev_design.controller.design import Believed, Design, coefficient_inputs, on_plant
+from maglev_design.controller.believed import (
+    Believed,
+)
+from maglev_design.controller.design import (
+    Design,
+    coefficient_inputs,
+    on_plant,
+)
 from maglev_design.controller.family import Family
 from maglev_design.controller.timing import timing
 from maglev_design.linear_loop.general import PlacedLaw, any_order

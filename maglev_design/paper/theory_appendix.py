@@ -34,7 +34,9 @@ from maglev_design.paper.theory_linear import (
     tally,
 )
 from maglev_design.symbolic import plant as p
-from maglev_design.symbolic.laws import gpi_transfer
+from maglev_design.symbolic.gpi import (
+    gpi_transfer,
+)
 from maglev_design.symbolic.linearisation import believed_coefficients, linearise
 from maglev_design.symbolic.stability import believed, routh_hurwitz
 

@@ -22,7 +22,10 @@ from maglev_design.paper.theory_linear import (
     tally,
 )
 from maglev_design.symbolic import plant as p
-from maglev_design.symbolic.laws import gain_symbols, gpi_transfer
+from maglev_design.symbolic.gpi import (
+    gain_symbols,
+    gpi_transfer,
+)
 
 CONSTANT, RAMP, PARABOLA = range(3)
 """Degrees n of a disturbance t^n/n!."""

@@ -27,7 +27,9 @@ from maglev_design.paper.theory_linear import (
     tally,
 )
 from maglev_design.symbolic import plant as p
-from maglev_design.symbolic.laws import gpi_transfer
+from maglev_design.symbolic.gpi import (
+    gpi_transfer,
+)
 
 KP, KI, KD, FILTER = sp.symbols("K_p K_i K_d N", real=True)
 FREQUENCIES = np.geomspace(1e-2, 1e2, 25)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from maglev_design.controller import design
+from maglev_design.controller.believed import Believed
 from maglev_design.controller.design import PAPER_POLES, PoleSpec
 from maglev_design.lowering import lower
 from maglev_design.options import Equilibrium
@@ -203,7 +204,7 @@ def linear_loop(
     return LinearLoop(true.C_U, true.C_Y, believed.C_U, believed.C_Y, (k0, k1, k2, k3))
 
 
-def _true(rig: Rig, gap: float | None) -> design.Believed:
+def _true(rig: Rig, gap: float | None) -> Believed:
     where = rig.operating_point.gap if gap is None else gap
     return design.true_equilibrium(rig, design.plant_beta(rig), where)
 

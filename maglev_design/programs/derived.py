@@ -12,7 +12,7 @@ import sympy as sp
 
 from maglev_design.lowering import Program, lower
 from maglev_design.options import PAPER_PLANT, Controller, Equilibrium, Method, PlantKind
-from maglev_design.symbolic import laws, sampling, stability
+from maglev_design.symbolic import gpi, laws, sampling, stability
 from maglev_design.symbolic import metrics as quadratures
 from maglev_design.symbolic import plant as p
 from maglev_design.symbolic import reference as paths
@@ -55,10 +55,10 @@ def gain_expressions(controller: Controller) -> Mapping[sp.Symbol, sp.Expr]:
     first, second = POLES[:2], POLES[2:]
     order = laws.closed_loop_order(controller)
     if order == 3:
-        desired = laws.pole_pairs_polynomial([first]) * (p.s + p.omega_2)
+        desired = gpi.pole_pairs_polynomial([first]) * (p.s + p.omega_2)
     else:  # the second pair as often as the order asks for
-        desired = laws.pole_pairs_polynomial([first, *[second] * (order // 2 - 1)])
-    matched = laws.match_coefficients(desired, order)
+        desired = gpi.pole_pairs_polynomial([first, *[second] * (order // 2 - 1)])
+    matched = gpi.match_coefficients(desired, order)
     known = dict(zip(law(controller).gains, matched, strict=False))
     known |= {laws.omega_f: sp.Rational(repr(controller.filter)) * p.omega_2}
     return {gain: known[gain] for gain in law(controller).gains}

@@ -17,11 +17,13 @@ from sympy import Expr, Matrix, Symbol
 
 from maglev_design.options import Method
 from maglev_design.symbolic import plant as p
-from maglev_design.symbolic.laws import (
-    ControlLaw,
+from maglev_design.symbolic.gpi import (
     gain_symbols,
     match_coefficients,
     pole_pairs_polynomial,
+)
+from maglev_design.symbolic.laws import (
+    ControlLaw,
     tan_gpi,
 )
 from maglev_design.symbolic.sampling import discretise

@@ -9,7 +9,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design.controller.design import Believed, PoleSpec, gain_names
+from maglev_design.controller.believed import (
+    Believed,
+)
+from maglev_design.controller.design import (
+    PoleSpec,
+    gain_names,
+)
 from maglev_design.controller.matching import matching_law
 from maglev_design.errors import InfeasibleError, InputError, nearest
 from maglev_design.options import Controller

@@ -16,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design import linear_loop as loops
-from maglev_design.controller.design import (
+from maglev_design.controller.believed import (
     Believed,
+)
+from maglev_design.controller.design import (
     Design,
     PoleSpec,
     believed_equilibrium,
