@@ -262,7 +262,7 @@ def test_somebodys_pid_is_judged_saved_and_exported(rig_file: str, tmp_path: Pat
     out, _ = call(*words, "-o", str(folder), "--json")
     document = json.loads(out)
     assert document["certificate"]["certified"] is False
-    assert "not made for this law" in document["certificate"]["status"]
+    assert "not made for this loop" in document["certificate"]["status"]
     assert document["margins"]["delay_s"]["value"] > 0
     assert document["with_noise"]["seeds"] > 0
     saved = record.load(folder)

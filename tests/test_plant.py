@@ -67,11 +67,12 @@ def test_without_an_offset_the_plant_is_the_paper_s() -> None:
 
 
 def test_every_symbol_is_listed_once_with_unit_and_meaning() -> None:
-    names = [entry.symbol.name for entry in p.SYMBOLS]
+    entries = (*p.SYMBOLS, *p.OTHER_SYMBOLS)
+    names = [entry.symbol.name for entry in entries]
     assert len(set(names)) == len(names)
-    assert all(entry.unit and entry.meaning and entry.latex for entry in p.SYMBOLS)
+    assert all(entry.unit and entry.meaning and entry.latex for entry in entries)
     public = {x for x in vars(p).values() if isinstance(x, sp.Symbol)}
-    assert public == {entry.symbol for entry in p.SYMBOLS}
+    assert public == {entry.symbol for entry in entries}
 
 
 def test_physical_constants_are_positive_and_positions_are_not() -> None:

@@ -25,10 +25,10 @@ def sentence(detail: ErrorDetails) -> str:  # noqa: PLR0911 - one case a kind of
     kind, value, context = detail["type"], detail["input"], detail.get("ctx", {})
     if kind == "rig":
         inside = ".".join([*location, context["field"]])
-        shown = _shown(context["value"])
-        return f"{inside} = {shown}: {context['text'].split(': ', 1)[1]}" + _hint(
-            inside, context["value"]
-        )
+        told = context["text"].split(": ", 1)[1]
+        if context["value"] is None:
+            return f"{inside}: {told}"
+        return f"{inside} = {_shown(context['value'])}: {told}" + _hint(inside, context["value"])
     if not location:
         return (
             f"must be a table with [plant], [operating_point] and [sampling], not {_shown(value)}"

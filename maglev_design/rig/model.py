@@ -117,8 +117,8 @@ class Rig(Section):
             raise fault(
                 "plant.current_gain",
                 None,
-                "required: `C` [A/V], coil current per input voltage (or give [drive] with kind = "
-                "'voltage' and the resistance [ohm])",
+                "required and missing (C, coil current per input voltage [A/V]; under voltage "
+                "drive [drive] has the resistance [ohm] instead)",
             )
         if len(given) > 1:
             last = list(given)[-1]
@@ -150,7 +150,9 @@ class Rig(Section):
             return self
         offset, (low, _) = self.plant.gap_offset, self.limits.gap
         spread = self.uncertainty.gap_offset
-        least = min((offset, *(spread.reach if spread is not None else ())))
+        least, whose = offset, "plant.gap_offset ="
+        if spread is not None and spread.reach[0] < offset:
+            least, whose = spread.reach[0], "uncertainty.gap_offset down to"
         gaps = {
             "operating_point.gap": self.operating_point.gap,
             "initial.gap": self.initial.gap,
@@ -164,8 +166,8 @@ class Rig(Section):
                 raise fault(
                     field,
                     gap,
-                    f"must be above {-least:g} m, because the magnetic gap y + y0 with "
-                    f"plant.gap_offset = {least:g} m has to be positive",
+                    f"must be above {-least:g} m, because the magnetic gap y + y0 with {whose} "
+                    f"{least:g} m has to be positive",
                 )
         return self
 

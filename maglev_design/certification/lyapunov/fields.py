@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from fractions import Fraction
 from typing import Any, TypeVar
 
@@ -95,7 +94,7 @@ def choice(found: dict[str, Any], name: str, allowed: Sequence[T], where: str) -
 def controller(data: dict[str, Any]) -> dict[str, Any]:
     """Return the numbers of TAN-GPI as ``Design.numbers`` has them."""
     found = table(data, "controller", (*NUMBERS, *ENDS))
-    if found["law"] != asdict(TAN_GPI):
+    if found["law"] != TAN_GPI.as_data():
         raise InputError("controller.law: must be that of tan-gpi, the only one that is certified")
     method = choice(found, "method", METHODS, "controller")
     for name, unit in POSITIVE.items():
