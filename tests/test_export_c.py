@@ -10,6 +10,7 @@ from exported import EXACT, compiled, needs, run
 
 from maglev_design.controller.design import reference_path
 from maglev_design.exporting import export_folder
+from maglev_design.exporting.controller import controller_of
 from maglev_design.exporting.misra import DEVIATIONS
 from maglev_design.exporting.native import library
 from maglev_design.record import DesignRecord
@@ -160,8 +161,11 @@ int main(void)
     assert (rows[-1, 1:] == 0).all()
 
 
-def test_two_instances_do_not_disturb_each_other(folder: Path, tmp_path: Path) -> None:
-    built = library("gcc", copied(folder, tmp_path), "lev", tmp_path / "lev.so")
+def test_two_instances_do_not_disturb_each_other(
+    tuned_record: DesignRecord, folder: Path, tmp_path: Path
+) -> None:
+    controller = controller_of(tuned_record, "lev")
+    built = library("gcc", copied(folder, tmp_path), controller, tmp_path / "lev.so")
     samples = [(0.0242 + 1e-5 * (k % 7), 0.0242, 0.0) for k in range(50)]
     with built.started() as new:
         alone = new()

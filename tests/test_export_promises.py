@@ -221,8 +221,10 @@ def test_the_emulated_run_is_that_of_the_simulation() -> None:
         def reset(self) -> None:
             self.forget()
 
-        def step(self, gap: float, reference: float, acceleration: float) -> float:  # type: ignore[override]
-            return super().step(gap, reference, acceleration)[1]
+        def step(  # type: ignore[override]
+            self, gap: float, reference: float, acceleration: float, *more: float
+        ) -> float:
+            return super().step(gap, reference, acceleration, *more)[1]
 
     loop = loop_for(rig, record.design, emulate=True)
     plain = nominal_scenario(rig, record.design.believed.beta)

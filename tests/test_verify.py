@@ -198,8 +198,10 @@ def test_a_controller_that_passes_a_nan_on_is_found(controller: ExportedControll
         def reset(self) -> None:
             self.forget()
 
-        def step(self, gap: float, reference: float, acceleration: float) -> float:  # type: ignore[override]
-            return super().step(gap, reference, acceleration)[1] + 0.0 * gap
+        def step(  # type: ignore[override]
+            self, gap: float, reference: float, acceleration: float, *more: float
+        ) -> float:
+            return super().step(gap, reference, acceleration, *more)[1] + 0.0 * gap
 
     wrong, answers = wrong_answers(controller, Naive, exact=False)
     assert 0 < wrong < answers
@@ -235,8 +237,10 @@ def test_the_quick_loop_is_the_independent_one(
         def reset(self) -> None:
             self.forget()
 
-        def step(self, gap: float, reference: float, acceleration: float) -> float:  # type: ignore[override]
-            return super().step(gap, reference, acceleration)[1]
+        def step(  # type: ignore[override]
+            self, gap: float, reference: float, acceleration: float, *more: float
+        ) -> float:
+            return super().step(gap, reference, acceleration, *more)[1]
 
     rig = controller.record.rig
     quick, slow = ExportedRun(Device()), ExportedRun(Device())

@@ -27,6 +27,7 @@ def rectangle(
     ratios: tuple[Number, Number],
     shifts: tuple[Number, Number],
     held: Number | None,
+    fall: Any = 2,
 ) -> tuple[tuple[Number, Number], tuple[Number, Number]]:
     """Return gaps, counted from the rig's y0, and ratios of the plants with another y0.
 
@@ -34,12 +35,13 @@ def rectangle(
 
     Parameters
     ----------
-    gaps, ratios, shifts, held
+    gaps, ratios, shifts, held, fall
         As in :class:`Family`, floats or fractions.
     """
     (low, high), (weak, strong), (first, last) = gaps, ratios, shifts
     if held is not None:
-        weak, strong = weak * (held / (held + last)) ** 2, strong * (held / (held + first)) ** 2
+        weak = weak * (held / (held + last)) ** fall
+        strong = strong * (held / (held + first)) ** fall
     return (low + first, high + last), (weak, strong)
 
 
@@ -57,7 +59,7 @@ class Family:
         True y0 less the rig's [m].
     held : float or None
         Z = Y + y0 [m] of the rig where the plants are known by the voltage that holds the ball at
-        Y: another y0 then comes with another beta, beta = g Z^2/U^2. None where the two are
+        Y: another y0 then comes with another beta, beta = g Z^q/U^p. None where the two are
         independent.
     """
 
@@ -65,6 +67,7 @@ class Family:
     ratios: tuple[float, float]
     shifts: tuple[float, float] = (0.0, 0.0)
     held: float | None = None
+    fall: float = 2
 
     def as_data(self, gap_offset: float) -> dict[str, Any]:
         """Return the plants for JSON: gaps [m], ratios, and y0 where the rig's is `gap_offset`."""
@@ -77,7 +80,9 @@ class Family:
 
     def ratio_at(self, ratio: float, shift: float) -> float:
         """Return beta_c/beta of the plant that has `ratio` at the rig's y0, at another y0."""
-        return ratio if self.held is None else ratio * (self.held / (self.held + shift)) ** 2
+        return (
+            ratio if self.held is None else ratio * (self.held / (self.held + shift)) ** self.fall
+        )
 
     @property
     def shift_values(self) -> tuple[float, ...]:
@@ -91,7 +96,8 @@ class Family:
             return (self,)
         looked_at = [self.shifts] if self.held is None else [(s, s) for s in self.shift_values]
         return tuple(
-            Family(*rectangle(self.gaps, self.ratios, shifts, self.held)) for shifts in looked_at
+            Family(*rectangle(self.gaps, self.ratios, shifts, self.held, self.fall))
+            for shifts in looked_at
         )
 
     def corner_columns(self, gaps: int, ratios: int) -> list[int]:
@@ -120,7 +126,8 @@ def family_of(
     """Return the plants of `rig` under a reading, at the hull of path, initial gap and Y.
 
     Ratios: 1 +- `beta_error`, by default the rig's ``uncertainty.beta``; under ``measured``, where
-    no error of beta is given, (1 +- d)^2 with d the relative error of the measured voltage.
+    no error of beta is given, (1 +- d)^p with d the relative error of the measured voltage, of what
+    is left of it beyond an input offset.
 
     Raises
     ------
@@ -135,11 +142,14 @@ def family_of(
     if equilibrium == "measured":
         held = rig.operating_point.gap + plant.gap_offset
     if equilibrium == "measured" and beta_error is None:
-        d = stated.voltage_error
-        ratios = ((1 - d) ** 2, (1 + d) ** 2)
+        d, power = stated.voltage_error, rig.kind.exponent
+        voltage, beyond = rig.operating_point.voltage, rig.drive.input_offset
+        if voltage is not None and beyond:
+            d *= voltage / (voltage - beyond)
+        ratios = ((1 - d) ** power, (1 + d) ** power)
     else:
         error = stated.beta if beta_error is None else beta_error
         if not 0 <= error < 1:
             raise InputError(f"beta error = {error!r} [-]: must be at least 0 and less than 1")
         ratios = (1 - error, 1 + error)
-    return Family((float(low), float(high)), ratios, shifts, held)
+    return Family((float(low), float(high)), ratios, shifts, held, plant.gap_exponent or 2)

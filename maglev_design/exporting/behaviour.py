@@ -48,7 +48,7 @@ def classes_of_arguments(controller: ExportedController, new: NewDevice) -> Chec
 def interleaved(new: NewDevice, work: Path) -> Check:
     """Run two controllers in turns on different samples; each must answer as if alone."""
     rows = [
-        tuple(float(x) for x in line.split(",")[1:4])
+        tuple(float(x) for x in line.split(",")[1:-3])
         for line in (work / "vectors.csv").read_text("ascii").splitlines()
         if line.startswith("step,")
     ]
@@ -189,7 +189,7 @@ def single_precision(controller: ExportedController, new: NewDevice, work: Path)
     """Compare single precision with double, on the vectors and in closed loop."""
     compiler, n = compilers()[0], controller.numbers
     try:
-        built = library(compiler, work, controller.prefix, work / "single.so", single=True)
+        built = library(compiler, work, controller, work / "single.so", single=True)
     except VerificationError as error:
         return [Check("single precision compiles", False, 1, 0, note=str(error))]
     with built.started() as new_single:

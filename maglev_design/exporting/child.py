@@ -3,11 +3,13 @@
 Started by its path with an interpreter that is isolated, so it needs the standard library alone::
 
     child.py python FILE              # answer requests with the class Controller of a source
-    child.py c LIBRARY PREFIX TYPE    # the same with a shared library; TYPE is double or float
+    child.py c LIBRARY PREFIX TYPE [SIGNALS STATES]
+                                      # the same with a shared library; TYPE is double or float;
+                                      # members of a point behind the acceleration; further states
     child.py replay LIBRARY EVENTS COUNT ANSWERS SIZE FIGURES SIZE
 
-A request is one of three words, the number of a controller and three numbers; an answer is the
-commanded and the applied voltage and the status.
+A request is one of three words, the number of a controller, how many numbers follow and room for
+five; an answer is the commanded and the applied voltage and the status.
 """
 
 from __future__ import annotations
@@ -16,11 +18,11 @@ import ctypes
 import os
 import struct
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-REQUEST = struct.Struct("<BI3d")
+REQUEST = struct.Struct("<BIB5d")
 ANSWER = struct.Struct("<2di")
 NEW, RESET, STEP = range(3)
 
@@ -33,16 +35,27 @@ def python_class(path: Path) -> Callable[[], Any]:
     return new
 
 
-def native_class(path: Path, prefix: str, real: Any) -> Callable[[], Any]:
+def native_class(
+    path: Path,
+    prefix: str,
+    real: Any,
+    more: Sequence[str] = (),
+    states: Sequence[str] = ("x1", "x2"),
+) -> Callable[[], Any]:
     """Return the functions of an exported C controller as such a class."""
     library = ctypes.CDLL(str(path))
+    point_fields = ("gap", "velocity", "acceleration", "jerk")[: 4 if "jerk_ref" in more else 3]
+
+    class Point(ctypes.Structure):
+        """A point of the reference as the header declares it."""
+
+        _fields_ = tuple((name, real) for name in point_fields)
 
     class State(ctypes.Structure):
         """The controller's memory as the header declares it."""
 
         _fields_ = (
-            ("x1", real),
-            ("x2", real),
+            *((name, real) for name in states),
             ("commanded", real),
             ("voltage", real),
             ("unusable", ctypes.c_uint32),
@@ -54,6 +67,8 @@ def native_class(path: Path, prefix: str, real: Any) -> Callable[[], Any]:
     init.argtypes, init.restype = (memory,), None
     reset.argtypes, reset.restype = (memory,), None
     step.argtypes, step.restype = (memory, real, real, real), real
+    step_at = getattr(library, f"{prefix}_step_at")
+    step_at.argtypes, step_at.restype = (memory, real, ctypes.POINTER(Point)), real
 
     class Native:
         """One compiled controller."""
@@ -74,8 +89,13 @@ def native_class(path: Path, prefix: str, real: Any) -> Callable[[], Any]:
         def reset(self) -> None:
             reset(self._memory)
 
-        def step(self, gap: float, reference: float, acceleration: float) -> float:
-            return float(step(self._memory, gap, reference, acceleration))
+        def step(self, gap: float, reference: float, acceleration: float, *other: float) -> float:
+            if not more:
+                return float(step(self._memory, gap, reference, acceleration))
+            known = dict(zip(more, other or (0.0,) * len(more), strict=True))
+            rows = (reference, known.get("v_ref", 0.0), acceleration, known.get("jerk_ref", 0.0))
+            point = Point(*rows[: len(point_fields)])
+            return float(step_at(self._memory, gap, ctypes.byref(point)))
 
     return Native
 
@@ -84,14 +104,14 @@ def answer(new: Callable[[], Any], asked: int, told: int) -> None:
     """Answer requests until there are no more."""
     controllers = []
     while len(request := os.read(asked, REQUEST.size)) == REQUEST.size:
-        word, number, *sample = REQUEST.unpack(request)
+        word, number, count, *sample = REQUEST.unpack(request)
         voltage = 0.0
         if word == NEW:
             controllers.append(new())
         elif word == RESET:
             controllers[number].reset()
         else:
-            voltage = controllers[number].step(*sample)
+            voltage = controllers[number].step(*sample[:count])
         one = controllers[number]
         os.write(told, ANSWER.pack(one.commanded, voltage, one.status))
 
@@ -118,7 +138,8 @@ def main(kind: str, *words: str) -> None:
         answer(python_class(Path(words[0])), 0, told)
     else:
         real = {"double": ctypes.c_double, "float": ctypes.c_float}[words[2]]
-        answer(native_class(Path(words[0]), words[1], real), 0, told)
+        lists = [text.split(",") if text else [] for text in words[3:]] or [[], ["x1", "x2"]]
+        answer(native_class(Path(words[0]), words[1], real, *lists), 0, told)
 
 
 if __name__ == "__main__":

@@ -9,20 +9,27 @@ from collections.abc import Iterator
 
 from maglev_design.exporting.controller import ExportedController
 from maglev_design.exporting.loops import NewDevice
-from maglev_design.exporting.vectors import Recorder
-
-Sample = tuple[float, float, float]
+from maglev_design.exporting.vectors import Recorder, Sample, limits
 
 
 def class_samples(controller: ExportedController) -> Iterator[Sample]:
-    """Yield one sample of every combination of classes of the three arguments."""
+    """Yield one sample of every combination of classes of the first three arguments.
+
+    Those that a law reads besides are tried one by one, the others at rest.
+    """
     n, rest = controller.numbers, controller.record.rig.reference.start_gap
     nan, inf = math.nan, math.inf
     odd = (nan, -nan, inf, -inf, 1.7e308, -1.7e308, 5e-324, -5e-324, 0.0, -0.0)
     gaps = (*odd, rest, n["gap_low"], n["gap_high"], *_beyond(n["gap_low"], n["gap_high"]))
     limit = n["acc_max"]
     accelerations = (*odd, limit, -limit, *_beyond(-limit, limit))
-    yield from itertools.product(gaps, gaps, accelerations)
+    zeros = (0.0,) * len(controller.more)
+    for sample in itertools.product(gaps, gaps, accelerations):
+        yield (*sample, *zeros)
+    still = [rest, rest, 0.0, *zeros]
+    for place, (low, high) in list(enumerate(limits(controller)))[3:]:
+        for value in (*odd, low, high, *_beyond(low, high)):
+            yield tuple(value if n == place else x for n, x in enumerate(still))
 
 
 def _beyond(low: float, high: float) -> tuple[float, float]:
@@ -48,7 +55,7 @@ def wrong_answers(
     finite and inside the range.
     """
     n, path = controller.numbers, controller.record.rig.reference
-    rest = (path.start_gap * 1.001, path.start_gap, 0.0)
+    rest = (path.start_gap * 1.001, path.start_gap, 0.0, *(0.0 for _ in controller.more))
     low, high = n["u_min"], n["u_max"]
     if not exact:
         low, high = single(low), single(high)

@@ -28,11 +28,12 @@ from maglev_design.exporting.cross import (
     emulate,
     instructions,
 )
-from maglev_design.exporting.printing import render
+from maglev_design.exporting.printing import MORE, render
 from maglev_design.exporting.replayed import (
     KINDS,
     MOST_EVENTS,
     PRECISIONS,
+    WIDTH,
     Rows,
     differences,
     read_events,
@@ -112,6 +113,8 @@ def write_sources(controller: ExportedController, work: Path) -> None:
         "rest": repr(controller.numbers["Y"]),
         "pid": numbers,
         "most": MOST_EVENTS,
+        "width": WIDTH,
+        "more": [MORE[name] for name in controller.more],
     }
     for name in SOURCES:
         (work / name).write_text(render(f"cortex_m4/{name}.j2", context), "ascii")
@@ -176,7 +179,7 @@ def measured(
         )
 
     code = (".text", ".rodata")
-    own = [f".text.{name}" for name in (f"{prefix}_step", "law", "usable", "in_range")]
+    own = [f".text.{name}" for name in (f"{prefix}_step_at", "law", "usable", "in_range")]
     stepped = found[found["step_ticks"] > 0]
     clock = figures["clock"]
     steps = instructions(stepped["step_ticks"], clock)

@@ -1,8 +1,9 @@
 """The linearised sampled loop, put together from exported coefficients and nothing else.
 
-The exported step is x' = A x + B e, u = C x + D e with e = y - y*; the plant is y'' = C_Y y - C_U u
-at rest at a gap, held exactly between the instants at which the voltage changes. With H the pulse
-transfer function of the step and P that of the plant, delay included, S = 1/(1 - P H).
+The exported step is x' = A x + B e, u = C x + D e with e = y - y*; the plant is its tangent at rest
+at a gap, for the paper's kind y'' = C_Y y - C_U u, held exactly between the instants at which the
+voltage changes. With H the pulse transfer function of the step and P that of the plant, delay
+included, S = 1/(1 - P H).
 """
 
 from __future__ import annotations
@@ -10,12 +11,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import expm
 from scipy.optimize import minimize_scalar
 
+from maglev_design.controller.design import on_plant
 from maglev_design.controller.timing import timing
+from maglev_design.lowering import Program
+from maglev_design.programs import tangent_program
+from maglev_design.rig import Rig
 
 Array = NDArray[np.float64]
 
@@ -27,43 +34,56 @@ SLOWEST = 1e-3
 
 @dataclass(frozen=True)
 class PlantAtRest:
-    """A plant at rest at a gap: g [m/s^2], beta [m^3/(s^2 V^2)], y0 [m] and the gap [m]."""
+    """A rig's plant at rest at a gap [m], with another beta and y0 [m]."""
 
-    gravity: float
+    rig: Rig
     beta: float
     gap_offset: float
     gap: float
 
-    @property
-    def tangent(self) -> tuple[float, float]:
-        """C_Y [1/s^2] and C_U [m/(s^2 V)] of y'' = g - beta u^2/(y + y0)^2."""
-        z = self.gap + self.gap_offset
-        return 2 * self.gravity / z, 2 * math.sqrt(self.gravity * self.beta) / z
+    @cached_property
+    def tangent(self) -> tuple[Array, Array]:
+        """A and B of the plant; gap first, then velocity and what the drive has as a state."""
+        program, order = tangent_program(self.rig.kind), self.rig.kind.order
+        fixed = (self.rig.plant.gravity, self.beta, self.gap_offset, self.gap)
+        entries = np.array(program.scalar()(*on_plant(program, self.rig, *fixed)))
+        return entries[: order**2].reshape(order, order), entries[order**2 :, None]
 
     def held(self, duration: float) -> tuple[Array, Array]:
         """Return the transition over a `duration` [s] and the effect of a constant voltage."""
-        c_y, c_u = self.tangent
-        rate = math.sqrt(c_y)
-        c, s = math.cosh(rate * duration), math.sinh(rate * duration)
-        return np.array([[c, s / rate], [rate * s, c]]), -c_u * np.array([(c - 1) / c_y, s / rate])
+        (a, b), order = self.tangent, self.rig.kind.order
+        block = np.zeros((order + 1, order + 1))
+        block[:order, :order], block[:order, order:] = a, b
+        whole = expm(block * duration)
+        return whole[:order, :order], whole[:order, order]
 
 
 @dataclass(frozen=True)
 class ExportedLoop:
-    """The coefficients of a step around one plant, at a period and a delay [s]."""
+    """A step with its coefficients around one plant, at a period and a delay [s].
 
+    `core` is the program that puts the coefficients into matrices.
+    """
+
+    core: Program
     coefficients: Mapping[str, float]
     plant: PlantAtRest
     period: float
     delay: float
 
-    @property
+    @cached_property
     def _step(self) -> tuple[Array, Array, Array, float]:
-        """A, B, C and D of the step: an integrator and a lag."""
-        k = self.coefficients
-        a = np.diag([1.0, k["a22"]])
-        return a, np.array([k["b1"], k["b2"]]), np.array([k["c1"], k["c2"]]), k["d"]
+        """A, B, C and D of the step, from the error to the voltage."""
+        values = self.core.scalar()(*[self.coefficients[n] for n in self.core.inputs])
+        named = dict(zip(self.core.outputs, values, strict=True))
+        order = round(math.sqrt(sum(name.startswith("A") for name in named)))
+        entries = {
+            letter: np.array([named[f"{letter}{n}"] for n in range(size)])
+            for letter, size in (("A", order**2), ("B", order), ("C", order))
+        }
+        return entries["A"].reshape(order, order), entries["B"], entries["C"], named["D0"]
 
+    @cached_property
     def _effects(self) -> tuple[Array, Array, Array, int]:
         """Transition of the plant, effects of u(k - n) and of u(k - n - 1), and n."""
         when = timing(self.period, self.delay)
@@ -75,11 +95,10 @@ class ExportedLoop:
     def sensitivity(self, theta: Array) -> Array:
         """Return |S(exp(j theta))|."""
         z = np.exp(1j * np.asarray(theta))[..., None, None]
-        (a, b, c, d), (transition, new, old, whole) = self._step, self._effects()
-        unit = np.eye(2)
-        h = d + c @ np.linalg.solve(z * unit - a, b[:, None])
+        (a, b, c, d), (transition, new, old, whole) = self._step, self._effects
+        h = d + c @ np.linalg.solve(z * np.eye(len(b)) - a, b[:, None])
         pushed = new[:, None] * z**-whole + old[:, None] * z ** -(whole + 1)
-        p = np.linalg.solve(z * unit - transition, pushed)[..., 0, :]
+        p = np.linalg.solve(z * np.eye(len(new)) - transition, pushed)[..., 0, :]
         return np.asarray(1 / np.abs(1 - p * h)[..., 0])
 
     def peak(self) -> float:
@@ -100,15 +119,16 @@ class ExportedLoop:
 
     def radius(self) -> float:
         """Return the largest modulus of a pole of the closed loop."""
-        (a, b, c, d), (transition, new, old, whole) = self._step, self._effects()
-        remembered = whole + 1
-        matrix = np.zeros((4 + remembered,) * 2)
-        command = np.concatenate([[d, 0.0], c, np.zeros(remembered)])
-        matrix[:2, :2], matrix[2:4, 2:4], matrix[2:4, 0] = transition, a, b
-        matrix[4] = command
+        (a, b, c, d), (transition, new, old, whole) = self._step, self._effects
+        remembered, plant, own = whole + 1, len(new), len(new) + len(b)
+        matrix = np.zeros((own + remembered,) * 2)
+        command = np.concatenate([[d], np.zeros(plant - 1), c, np.zeros(remembered)])
+        matrix[:plant, :plant], matrix[plant:own, plant:own] = transition, a
+        matrix[plant:own, 0] = b
+        matrix[own] = command
         for n in range(1, remembered):
-            matrix[4 + n, 3 + n] = 1.0
-        recent = command if whole == 0 else np.eye(len(matrix))[3 + whole]
-        matrix[:2] += np.outer(new, recent)
-        matrix[:2, 4 + whole] += old
+            matrix[own + n, own + n - 1] = 1.0
+        recent = command if whole == 0 else np.eye(len(matrix))[own + whole - 1]
+        matrix[:plant] += np.outer(new, recent)
+        matrix[:plant, own + whole] += old
         return float(np.abs(np.linalg.eigvals(matrix)).max())

@@ -14,13 +14,23 @@ from maglev_design.controller import design as designs
 from maglev_design.controller.timing import timing
 from maglev_design.errors import VerificationError
 from maglev_design.exporting.controller import ExportedController
+from maglev_design.programs import acceleration_program, drive_program
+from maglev_design.rig import Rig
 from maglev_design.simulation import Scenario, resimulate
-from maglev_design.simulation.grid import contact_gap
+from maglev_design.simulation.grid import (
+    COIL,
+    contact_gap,
+    floor_gap,
+    reference_names,
+    reference_rows,
+)
 from maglev_design.simulation.independent import IndependentMetrics
-from maglev_design.simulation.scenario import held_voltage
+from maglev_design.simulation.scenario import at_rest, held_voltage
 
 PIECES = 2
 """Runge-Kutta steps between two changes of the voltage."""
+FINEST = 0.25
+"""Largest such step as a share of a drive's time constant."""
 LARGEST_VOLTAGE = 1e6
 """[V] A larger answer, or a nan, is no voltage."""
 FEWEST = 400
@@ -41,8 +51,8 @@ class Device(Protocol):
     def reset(self) -> None:
         """Forget errors and faults."""
 
-    def step(self, gap: float, reference: float, acceleration: float) -> float:
-        """Return the voltage for one sample."""
+    def step(self, gap: float, reference: float, acceleration: float, *more: float) -> float:
+        """Return the voltage for one sample; `more` is what the law reads besides."""
 
 
 NewDevice = Callable[[], Device]
@@ -61,6 +71,8 @@ class ExportedRun:
         What the sensor makes of the gap.
     late : callable
         Whether the voltage of a sample comes one sample late.
+    more : tuple of str
+        What the law reads besides gap, reference and acceleration.
     gaps, errors, voltages, commanded : list of float
         True gap and error at every sample [m], voltage on the coil and before the clamp [V].
     """
@@ -68,6 +80,7 @@ class ExportedRun:
     device: Device
     fault: Fault = lambda _k, gap, _last: gap
     late: Callable[[int], bool] = lambda _k: False
+    more: tuple[str, ...] = ()
     gaps: list[float] = field(default_factory=list)
     errors: list[float] = field(default_factory=list)
     voltages: list[float] = field(default_factory=list)
@@ -87,7 +100,8 @@ class ExportedRun:
         self.gaps.append(gap)
         self.errors.append(gap - sample["y_ref"])
         self.measured = self.fault(k, gap, self.measured)
-        voltage = self.device.step(self.measured, sample["y_ref"], sample["acc_ref"])
+        more = [sample[name] for name in self.more]
+        voltage = self.device.step(self.measured, sample["y_ref"], sample["acc_ref"], *more)
         if not abs(voltage) <= LARGEST_VOLTAGE:
             raise VerificationError(f"sample {k}: the exported controller applies {voltage} V")
         applied = self.waiting if self.late(k) and k else voltage
@@ -102,6 +116,7 @@ def close(
 ) -> IndependentMetrics:
     """Run one closed loop over the rig's horizon and return its metrics, to nine digits."""
     record = controller.record
+    run.more = controller.more
     return resimulate(record.rig, record.design, scenario, run)
 
 
@@ -140,20 +155,22 @@ def fly(
     around = around or Surroundings()
     rig, design = controller.record.rig, controller.record.design
     period, when = rig.sampling.period, timing(rig.sampling.period, rig.sampling.delay)
-    program, plant = controller.plant.scalar(), rig.plant
     beta = design.beta_at(ratio) if beta is None else beta
+    plant = FlownPlant(rig, beta, around.lag)
     low, high = contact_gap(rig), rig.limits.gap[1]
-
-    def pull(gap: float, voltage: float) -> float:
-        return program(plant.gravity, beta, plant.gap_offset, max(gap, low / 2), voltage)[0]
+    run.more = controller.more
 
     count = max(FEWEST, math.ceil(round(rig.reference.horizon / period, 9)))
-    path = designs.reference_path(rig, np.arange(count, dtype=float) * period)
-    names = ("y_ref", "v_ref", "acc_ref")
+    path = reference_rows(rig, np.arange(count, dtype=float) * period, design.controller)
+    names = reference_names(design.controller)
     gap, velocity = rig.initial.gap, rig.initial.velocity
     sample = dict(zip(names, path[:, 0].tolist(), strict=True))
     first = around.drive(held_voltage(rig, design, sample | {"Y": design.Y}))
-    pending, acting = deque([first] * when.held), first
+    acting = first
+    if rig.kind.order > 2:
+        held, acting = at_rest(rig, Scenario(beta, gap))
+        first = around.drive(held)
+    pending = deque([first] * when.held)
     for k, column in enumerate(path.T.tolist()):
         sample = dict(zip(names, column, strict=True)) | {"y": gap, "v": velocity}
         pending.append(around.drive(run(sample)[1]))
@@ -163,14 +180,81 @@ def fly(
         pending.popleft()
         noise = around.input_noise[k] if k < len(around.input_noise) else 0.0
         for duration, voltage in parts:
-            h = duration / PIECES
-            for _ in range(PIECES):
-                forces = _through_coil(acting, voltage + noise, h, around.lag)
-                gap, velocity = _runge_kutta(pull, gap, velocity, forces, h)
-                acting = forces[2]
+            gap, velocity, acting = plant.after(duration, voltage + noise, (gap, velocity, acting))
         if not low < gap < high:
             return True
     return False
+
+
+class FlownPlant:
+    """A rig's nonlinear plant between two changes of the voltage, by classical Runge-Kutta.
+
+    Parameters
+    ----------
+    rig : Rig
+    beta : float
+        The plant's.
+    lag : float
+        L/R of a coil beyond the plant [s]; one of the plant's own stands for it.
+    """
+
+    def __init__(self, rig: Rig, beta: float, lag: float) -> None:
+        self.lag, self._floor, self._drive = lag, floor_gap(rig), None
+        self._known = {**designs.plant_numbers(rig), "beta": beta, "g": rig.plant.gravity}
+        self._known["y0"] = rig.plant.gap_offset
+        program = acceleration_program(rig.kind)
+        self._names, self._pull = program.inputs, program.scalar()
+        self._fastest = math.inf
+        if rig.kind.order > 2:
+            own = drive_program(rig.kind)
+            self._behind, self._drive = own.inputs, own.scalar()
+            self._fastest = rig.drive.time_constant * FINEST
+
+    def _acceleration(self, gap: float, velocity: float, acting: float) -> float:
+        now = {"y": max(gap, self._floor), "v": velocity, "u": acting}
+        return self._pull(*[now[n] if n in now else self._known[n] for n in self._names])[0]
+
+    def after(
+        self, duration: float, voltage: float, state: tuple[float, float, float]
+    ) -> tuple[float, float, float]:
+        """Return gap, velocity and the current over C after a time under a constant voltage."""
+        pieces = max(PIECES, math.ceil(duration / self._fastest))
+        h = duration / pieces
+        gap, velocity, acting = state
+        for _ in range(pieces):
+            if self._drive is not None:
+                gap, velocity, acting = self._whole(h, voltage, (gap, velocity, acting))
+                continue
+            forces = _through_coil(acting, voltage, h, self.lag)
+            gap, velocity = _runge_kutta(self._acceleration, gap, velocity, forces, h)
+            acting = forces[2]
+        return gap, velocity, acting
+
+    def _whole(
+        self, h: float, voltage: float, state: tuple[float, float, float]
+    ) -> tuple[float, float, float]:
+        """Return the state after one step with the current as a state of its own."""
+
+        def rates(x: tuple[float, float, float]) -> tuple[float, float, float]:
+            gap, velocity, acting = x
+            now = {"y": max(gap, self._floor), "v": velocity, "u": voltage, COIL: acting}
+            assert self._drive is not None  # noqa: S101 - asked for where there is one
+            values = [now[n] if n in now else self._known[n] for n in self._behind]
+            return velocity, self._acceleration(gap, velocity, acting), self._drive(*values)[0]
+
+        def moved(by: float, along: tuple[float, float, float]) -> tuple[float, float, float]:
+            y, v, i = (x + by * r for x, r in zip(state, along, strict=True))
+            return y, v, i
+
+        a = rates(state)
+        b = rates(moved(h / 2, a))
+        c = rates(moved(h / 2, b))
+        d = rates(moved(h, c))
+        y, v, i = (
+            x + h * (p + 2 * (q + r) + s) / 6
+            for x, p, q, r, s in zip(state, a, b, c, d, strict=True)
+        )
+        return y, v, i
 
 
 def _through_coil(start: float, voltage: float, h: float, lag: float) -> tuple[float, float, float]:
@@ -182,7 +266,7 @@ def _through_coil(start: float, voltage: float, h: float, lag: float) -> tuple[f
 
 
 def _runge_kutta(
-    pull: Callable[[float, float], float],
+    pull: Callable[[float, float, float], float],
     y: float,
     v: float,
     forces: tuple[float, float, float],
@@ -190,10 +274,10 @@ def _runge_kutta(
 ) -> tuple[float, float]:
     """Return gap and velocity after one classical Runge-Kutta step."""
     half, (first, middle, last) = h / 2, forces
-    a = pull(y, first)
-    b = pull(y + half * v, middle)
-    c = pull(y + half * (v + half * a), middle)
-    d = pull(y + h * (v + half * b), last)
+    a = pull(y, v, first)
+    b = pull(y + half * v, v + half * a, middle)
+    c = pull(y + half * (v + half * a), v + half * b, middle)
+    d = pull(y + h * (v + half * b), v + h * c, last)
     return y + h * (v + h * (a + b + c) / 6), v + h * (a + 2 * (b + c) + d) / 6
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from maglev_design.errors import VerificationError
+from maglev_design.exporting.controller import ExportedController
 from maglev_design.exporting.running import Runnable
 from maglev_design.tools import call
 
@@ -49,7 +50,12 @@ def sanitizes(compiler: str, work: Path) -> bool:
 
 
 def library(
-    compiler: str, folder: Path, prefix: str, output: Path, *, single: bool = False
+    compiler: str,
+    folder: Path,
+    controller: ExportedController,
+    output: Path,
+    *,
+    single: bool = False,
 ) -> Runnable:
     """Compile the exported controller into a shared library.
 
@@ -58,10 +64,11 @@ def library(
     VerificationError
         When it does not compile without a word.
     """
+    prefix = controller.prefix
     flags = (f"-D{prefix.upper()}_SINGLE",) if single else ()
     said = compile_c(
         compiler, folder, [f"{prefix}.c"], output, *OPTIMISED, "-shared", "-fPIC", *flags
     )
     if said:
         raise VerificationError(f"{prefix}.c: {compiler} says: {said.splitlines()[0]}")
-    return Runnable.native(output, prefix, single=single)
+    return Runnable.native(output, controller, single=single)

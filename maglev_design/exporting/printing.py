@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from maglev_design import __version__
 from maglev_design.controller.design import PATH_ENDS
-from maglev_design.exporting.controller import OUTPUTS, SIGNALS, STATES, ExportedController
+from maglev_design.exporting.controller import OUTPUTS, ExportedController
 from maglev_design.exporting.misra import DEVIATIONS
 from maglev_design.exporting.native import CORTEX_M4
 from maglev_design.exporting.text import plain, wrapped
 from maglev_design.figures import DESCRIBED
 from maglev_design.lowering import Program
 from maglev_design.options import Controller, Target
+from maglev_design.record import DesignRecord
+from maglev_design.rig import Rig
+from maglev_design.simulation import nominal_scenario
+from maglev_design.simulation.scenario import at_rest
 
 TEMPLATES = {
     "c": ("header.h", "source.c", "example.c", "check.c", "proof.c"),
@@ -35,6 +40,13 @@ TEMPLATES = {
 }
 _LANGUAGES = {"c": "C99", "python": "Python", "matlab": "MATLAB and Octave"}
 _CHECKS = {"c": "`check.c`", "python": "`check.py`", "matlab": "`{}_check.m`"}
+MORE = {
+    "v_ref": {"name": "v_ref", "member": "velocity", "most": "vel_max", "unit": "m/s"},
+    "jerk_ref": {"name": "jerk_ref", "member": "jerk", "most": "jerk_max", "unit": "m/s^3"},
+}
+"""What a law may read besides: its letter, its member of a point, its limit."""
+EXAMPLE_PIECES = 20
+"""Integration steps a sample of an example, at least."""
 EXAMPLE_ROWS = 70
 """Rows that an example prints, about."""
 
@@ -87,7 +99,19 @@ def _context(controller: ExportedController, target: Target, rows: int) -> dict[
         "peak": controller.peak,
         "plant": controller.plant,
         "start": [_literal(x, target, source) for x in controller.start],
-        "x2_max": repr(controller.state_bound),
+        "states": list(controller.states),
+        "state_meanings": controller.states,
+        "bounds": {name: repr(value) for name, value in controller.state_bounds.items()},
+        "more": [MORE[name] for name in controller.more],
+        "signals": list(controller.signals),
+        "law_arguments": ", ".join(
+            f"{x}: float" for x in (*controller.states, *controller.signals)
+        ),
+        "own_states": ", ".join(f"self.{x}" for x in controller.states),
+        "struct_states": ", ".join(f"state.{x}" for x in controller.states),
+        "next_states": ", ".join(f"{x}_next" for x in controller.states),
+        "members": "".join(f", {MORE[name]['member']}" for name in controller.more),
+        "drive": controller.drive,
         "hold": controller.hold_samples,
         "ticks": controller.most_ticks,
         "constants": [
@@ -100,11 +124,13 @@ def _context(controller: ExportedController, target: Target, rows: int) -> dict[
         ],
         "initial": {
             "gap": repr(rig.initial.gap),
+            "current": repr(_first_current(record)),
             "velocity": _literal(velocity, target, source),
             "velocity_number": repr(velocity),
         },
         "path_ends": {x: repr(getattr(path, x)) for x in PATH_ENDS},
         "samples": samples,
+        "pieces": _pieces(rig),
         "every": max(1, samples // EXAMPLE_ROWS),
         "law": law_in_words(design.controller),
         "method": design.method,
@@ -131,6 +157,19 @@ def _context(controller: ExportedController, target: Target, rows: int) -> dict[
     }
 
 
+def _pieces(rig: Rig) -> int:
+    """Return the integration steps a sample of an example, enough for the drive."""
+    if rig.kind.order == 2:
+        return EXAMPLE_PIECES
+    return max(EXAMPLE_PIECES, math.ceil(10 * rig.sampling.period / rig.drive.time_constant))
+
+
+def _first_current(record: DesignRecord) -> float:
+    """Return the current over C [V] that holds the ball where it starts, clamped."""
+    start = nominal_scenario(record.rig, record.design.believed.beta)
+    return at_rest(record.rig, start)[1]
+
+
 def _assumptions(controller: ExportedController) -> list[str]:
     """Return under what every number of the README holds, in sentences."""
     record = controller.record
@@ -138,8 +177,20 @@ def _assumptions(controller: ExportedController) -> list[str]:
     low, high = family["ratios"]
     offsets = family["gap_offsets"]
     coil = rig.emulator.time_constant
+    own = rig.drive
     drive = "The current follows the voltage at once, i = C u: no inductance is reckoned with."
-    if coil:
+    if own.kind == "voltage":
+        drive = (
+            f"The voltage drives a coil of R = {own.resistance:g} ohm and L = {own.inductance:g} H "
+            f"at Y = {design.Y:g} m ("
+            + ("with its back-EMF" if own.inductance_law == "energy" else "L at every gap")
+            + ")."
+        )
+    elif own.lag:
+        drive = f"The current follows the voltage with a lag of {1e3 * own.lag:g} ms."
+    if own.input_offset:
+        drive += f" It is zero at {own.input_offset:g} V."
+    if coil and rig.kind.order == 2:
         drive += f" The rig file names a coil with L/R = {1e3 * coil:.3g} ms, which is not in them."
     plants = (
         "the plants that hold the ball at Y with the measured voltage"
@@ -164,9 +215,17 @@ def _assumptions(controller: ExportedController) -> list[str]:
         ),
         f"The plants are {plants}: beta_c/beta in [{low:.4g}, {high:.4g}], {y0}, linearised at "
         f"gaps of {family['gaps'][0]:g} to {family['gaps'][1]:g} m. The controller's numbers stay.",
-        f"beta_c = {design.believed.beta:.6g} m^3/(s^2 V^2). Its numbers came from the reading "
+        f"beta_c = {design.believed.beta:.6g} {beta_unit(rig)}. Its numbers came from the reading "
         f"{design.equilibrium} of the equilibrium; nothing that runs depends on that.",
     ]
+
+
+def beta_unit(rig: Rig) -> str:
+    """Return the unit of beta: m^(1 + q)/(s^2 V^p)."""
+    if rig.kind.force == "inverse-square":
+        return "m^3/(s^2 V^2)"
+    volts = "V" if rig.kind.exponent == 1 else "V^2"
+    return f"m^{1 + (rig.plant.gap_exponent or 0):g}/(s^2 {volts})"
 
 
 def law_in_words(controller: Controller) -> str:
@@ -203,7 +262,7 @@ def _banner(controller: ExportedController, style: str) -> str:
 
 def _rows(controller: ExportedController) -> list[tuple[str, str, str, str]]:
     """Return (letter, value, unit, meaning) of everything that the law reads or gives."""
-    tables: Sequence[Mapping[str, tuple[str, str]]] = (SIGNALS, STATES, OUTPUTS)
+    tables = (controller.signals, controller.states, OUTPUTS)
     rows = [(name, "", *entry) for table in tables for name, entry in table.items()]
     constants = (*controller.law_constants, *controller.guard_constants)
     return rows + [(c.name, repr(c.value), c.unit, c.meaning) for c in constants]

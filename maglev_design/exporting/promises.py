@@ -23,6 +23,7 @@ from maglev_design.exporting.controller import ExportedController
 from maglev_design.exporting.linear import ExportedLoop, PlantAtRest
 from maglev_design.exporting.loops import ExportedRun, NewDevice, close
 from maglev_design.exporting.verdict import Check
+from maglev_design.programs import sampled_core_program
 from maglev_design.record import DesignRecord
 from maglev_design.simulation import (
     Metrics,
@@ -94,12 +95,13 @@ class PromiseSubject:
     def ratio_of(self, ratio: float, gap_offset: float) -> float:
         """Return beta_c/beta of the plant with another y0.
 
-        Where the plants are known by the voltage that holds the ball at Y, beta = g Z^2/U^2.
+        Where the plants are known by the voltage that holds the ball at Y, beta = g Z^q/U^p.
         """
         if not self.document["family"]["voltage_held"]:
             return ratio
-        gap, own = self.controller.record.design.Y, self.controller.record.rig.plant.gap_offset
-        return ratio * ((gap + own) / (gap + gap_offset)) ** 2
+        gap, plant = self.controller.record.design.Y, self.controller.record.rig.plant
+        fall = plant.gap_exponent or 2
+        return ratio * ((gap + plant.gap_offset) / (gap + gap_offset)) ** fall
 
     def beta(self, ratio: float, gap_offset: float) -> float:
         """Return a plant's beta [m^3/(s^2 V^2)]."""
@@ -131,8 +133,10 @@ class PromiseSubject:
     ) -> ExportedLoop:
         """Return the linearised loop at a gap, with some more delay [s]."""
         rig, k = self.controller.record.rig, self.document["difference_equation"]
-        plant = PlantAtRest(rig.plant.gravity, self.beta(ratio, gap_offset), gap_offset, gap)
-        return ExportedLoop(k, plant, k["period"], rig.sampling.delay + more_delay)
+        design = self.controller.record.design
+        core = sampled_core_program(design.method, design.controller)
+        plant = PlantAtRest(rig, self.beta(ratio, gap_offset), gap_offset, gap)
+        return ExportedLoop(core, k, plant, k["period"], rig.sampling.delay + more_delay)
 
     def corners(self) -> Sequence[tuple[float, float, float]]:
         """Return (gap, ratio, y0) at the ends of the family, each once."""
@@ -184,8 +188,7 @@ def one_controller(subject: PromiseSubject) -> Check:
 def believed_plant(subject: PromiseSubject) -> Check:
     """Compare beta_c, from which ratios count, with what U and Y or the rig's K, C, m imply."""
     rig, design = subject.controller.record.rig, subject.controller.record.design
-    z = design.Y + rig.plant.gap_offset
-    implied = rig.plant.gravity * (z / design.believed.U) ** 2
+    implied = designs.believed_equilibrium(rig, "measured", voltage=design.believed.U).beta
     beta = design.believed.beta
     off = min(abs(beta / known - 1) for known in (implied, designs.plant_beta(rig)))
     return Check.below("beta_c is that of U and Y, or of K, C and m", off, CONSISTENT)

@@ -15,6 +15,8 @@ from maglev_design.tools import ToolAnswer, call
 
 MOST_EVENTS = 16000
 """What the emulated memory has room for; a folder of 1 ms has about 8000."""
+WIDTH = 6
+"""Numbers of an event: five of a sample, and one that keeps what follows aligned."""
 KINDS = {"step": 0, "reset": 1, "path": 2, "bumpless": 3}
 ANSWERS = ("commanded", "voltage", "x1", "x2", "gap", "velocity", "acceleration", "pid")
 VERDICTS = ("accepted", "status", "unusable")
@@ -35,17 +37,17 @@ def read_events(vectors: Path, precision: str) -> tuple[Rows, NDArray[np.float64
         for line in vectors.read_text("ascii").splitlines()
         if line and not line.startswith("#")
     ][:MOST_EVENTS]
-    kind = np.dtype([("kind", "<u4"), ("unused", "<u4"), ("value", _real(precision), 4)])
+    kind = np.dtype([("kind", "<u4"), ("unused", "<u4"), ("value", _real(precision), WIDTH)])
     events = np.zeros(len(lines), kind)
     recorded = np.full((len(lines), 3), np.nan)
     with np.errstate(over="ignore"):
         for n, (word, *values) in enumerate(lines):
             numbers = [float(value) for value in values]
             events["kind"][n] = KINDS[word]
-            events["value"][n, : min(4, len(numbers))] = numbers[:4]
+            told = numbers[:-3] if word == "step" else numbers
+            events["value"][n, : len(told)] = told
             if word == "step":
-                events["value"][n, 3] = 0.0
-                recorded[n] = numbers[3:6]
+                recorded[n] = numbers[-3:]
     return events, recorded
 
 

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from maglev_design.errors import VerificationError
 from maglev_design.exporting import child
+from maglev_design.exporting.controller import ExportedController
 from maglev_design.exporting.loops import NewDevice
 from maglev_design.tools import end
 
@@ -38,9 +39,13 @@ class Runnable:
         return cls(("python", str(path)))
 
     @classmethod
-    def native(cls, library: Path, prefix: str, *, single: bool = False) -> Runnable:
+    def native(
+        cls, library: Path, controller: ExportedController, *, single: bool = False
+    ) -> Runnable:
         """Return a shared library of the C sources, in double or single precision."""
-        return cls(("c", str(library), prefix, "float" if single else "double"))
+        lists = (",".join(controller.more), ",".join(controller.states))
+        kind = "float" if single else "double"
+        return cls(("c", str(library), controller.prefix, kind, *lists))
 
     @contextmanager
     def started(self) -> Iterator[NewDevice]:
@@ -121,7 +126,8 @@ class _Talk:
         """Return (commanded, voltage, status) of one request."""
         self.asked_at = time.monotonic()
         try:
-            os.write(self._given, child.REQUEST.pack(word, number, *(sample or (0.0, 0.0, 0.0))))
+            room = (*sample, *(0.0,) * (5 - len(sample)))
+            os.write(self._given, child.REQUEST.pack(word, number, len(sample), *room))
             answer, size = b"", child.ANSWER.size
             while len(answer) < size and (part := os.read(self._told, size - len(answer))):
                 answer += part
@@ -152,8 +158,8 @@ class RemoteController:
         """Forget errors and faults."""
         self.commanded, _, self.status = self._talk.ask(child.RESET, self._number)
 
-    def step(self, gap: float, reference: float, acceleration: float) -> float:
+    def step(self, gap: float, reference: float, acceleration: float, *more: float) -> float:
         """Return the voltage for one sample."""
-        told = self._talk.ask(child.STEP, self._number, gap, reference, acceleration)
+        told = self._talk.ask(child.STEP, self._number, gap, reference, acceleration, *more)
         self.commanded, voltage, self.status = told
         return voltage

@@ -15,6 +15,7 @@ from maglev_design.errors import VerificationError
 from maglev_design.exporting.controller import LARGEST_ACCELERATION, ExportedController
 from maglev_design.rig import Rig, make_rig
 from maglev_design.simulation import Response, Scenario, loop_for, nominal_scenario, simulate
+from maglev_design.simulation.grid import reference_names, reference_rows
 from maglev_design.simulation.scenario import noise_samples
 
 MOST_ROWS = 8000
@@ -24,6 +25,8 @@ SHORT = 200
 BEYOND = 2.0
 """Initial error of the saturated runs, in errors that take the command across the range."""
 OK, HELD, TRIPPED = 0, 1, 2
+Sample = tuple[float, ...]
+"""Measured gap, y*, y*'' and, where the law reads them, y*' and y*'''."""
 
 
 @dataclass
@@ -62,20 +65,22 @@ class Recorder:
         """Write one line."""
         self.lines.append(",".join([word, *[repr(float(value)) for value in values]]))
 
-    def step(self, gap: float, reference: float, acceleration: float) -> tuple[float, float]:
+    def step(
+        self, gap: float, reference: float, acceleration: float, *more: float
+    ) -> tuple[float, float]:
         """Take one sample, write it down and return the commanded and the applied voltage."""
         n, status = self.numbers, OK
-        usable = (
-            n["gap_low"] <= gap <= n["gap_high"]
-            and n["gap_low"] <= reference <= n["gap_high"]
-            and abs(acceleration) <= n["acc_max"]
+        sample = (gap, reference, acceleration, *(more or (0.0,) * len(self.controller.more)))
+        usable = all(
+            low <= value <= high
+            for value, (low, high) in zip(sample, limits(self.controller), strict=True)
         )
         if self.unusable > self.controller.hold_samples:
             status = TRIPPED
         elif usable:
             constants = [n[name] for name in self._names]
             *states, self.commanded, self.voltage = self._step(
-                *self.states, gap, reference, acceleration, *constants
+                *self.states, *in_order(self.controller, sample), *constants
             )
             self.states, self.unusable = tuple(states), 0
         else:
@@ -83,10 +88,27 @@ class Recorder:
             status = HELD if self.unusable <= self.controller.hold_samples else TRIPPED
         if status == TRIPPED:
             self.commanded = self.voltage = n["u_min"]
-        self.event("step", gap, reference, acceleration, self.commanded, self.voltage)
+        self.event("step", *sample, self.commanded, self.voltage)
         self.lines[-1] += f",{status}"
         self.rows += 1
         return self.commanded, self.voltage
+
+
+def limits(controller: ExportedController) -> list[tuple[float, float]]:
+    """Return the range of every signal in which a sample can be used, in the order of a sample."""
+    n = controller.numbers
+    gaps = (n["gap_low"], n["gap_high"])
+    largest = {"acc_ref": "acc_max", "v_ref": "vel_max", "jerk_ref": "jerk_max"}
+    return [
+        (-n[largest[name]], n[largest[name]]) if name in largest else gaps
+        for name in controller.signals
+    ]
+
+
+def in_order(controller: ExportedController, sample: Sequence[float]) -> list[float]:
+    """Return a sample, as it is written down, in the order in which the law reads it."""
+    known = dict(zip(controller.signals, sample, strict=True))
+    return [known[name] for name in controller.step.inputs if name in known]
 
 
 def record_vectors(controller: ExportedController) -> tuple[str, int]:
@@ -112,7 +134,7 @@ def record_vectors(controller: ExportedController) -> tuple[str, int]:
     ratio = 1 + (rig.uncertainty.beta or 0.1)
     wrong = Scenario(beta / ratio, rig.initial.gap, rig.initial.velocity, noise=True, seed=1)
     _replay(recorder, rig, wrong, SHORT)
-    samples = _inputs(rig, usual, np.zeros(len(usual.commanded)), MOST_ROWS)
+    samples = _inputs(controller, rig, usual, np.zeros(len(usual.commanded)), MOST_ROWS)
     # a short run is gone through again until there is something to take samples from
     early = list(itertools.islice(itertools.cycle(samples), SHORT))
     _bumpless(recorder, samples[-SHORT:])
@@ -147,7 +169,7 @@ def _replay(recorder: Recorder, rig: Rig, scenario: Scenario, most: int) -> Resp
     loop = loop_for(rig, design)
     response = simulate(loop, design, scenario)
     noise = np.asarray(noise_samples(rig, scenario, len(response.commanded)), dtype=float)[1]
-    for k, sample in enumerate(_inputs(rig, response, noise, most)):
+    for k, sample in enumerate(_inputs(recorder.controller, rig, response, noise, most)):
         found = recorder.step(*sample)
         told = (float(response.commanded[k]), float(response.applied[k]))
         if found != told and recorder.unusable == 0:
@@ -159,18 +181,17 @@ def _replay(recorder: Recorder, rig: Rig, scenario: Scenario, most: int) -> Resp
 
 
 def _inputs(
-    rig: Rig, response: Response, noise: Any, most: int
-) -> list[tuple[float, float, float]]:
-    """Return (measured gap, y*, y*'') of the samples up to a crash, at most `most`."""
+    controller: ExportedController, rig: Rig, response: Response, noise: Any, most: int
+) -> list[Sample]:
+    """Return (measured gap, y*, y*'', ...) of the samples up to a crash, at most `most`."""
     crash = response.metrics.crash
     alive = response.times[:-1] < (crash.time if crash else math.inf)
     count = min(int(alive.sum()), most)
-    reference = designs.reference_path(rig, response.times[:count])
-    measured = response.gap[:count] + noise[:count]
-    return [
-        (float(gap), float(wanted), float(acceleration))
-        for gap, wanted, acceleration in zip(measured, reference[0], reference[2], strict=True)
-    ]
+    law = controller.record.design.controller
+    rows = reference_rows(rig, response.times[:count], law)
+    known = dict(zip(reference_names(law), rows, strict=True))
+    known["y"] = response.gap[:count] + noise[:count]
+    return list(zip(*(known[name].tolist() for name in controller.signals), strict=True))
 
 
 def _saturating(controller: ExportedController, rig: Rig, beta: float, sign: float) -> Scenario:
@@ -183,14 +204,15 @@ def _saturating(controller: ExportedController, rig: Rig, beta: float, sign: flo
     return Scenario(beta, inside)
 
 
-def _bumpless(recorder: Recorder, samples: Sequence[tuple[float, float, float]]) -> None:
+def _bumpless(recorder: Recorder, samples: Sequence[Sample]) -> None:
     """Take over near rest at a voltage in the middle of the range."""
     n, controller = recorder.numbers, recorder.controller
     u = (n["u_min"] + n["u_max"]) / 2
-    gap, reference, acceleration = samples[0]
-    recorder.event("bumpless", u, gap, reference, acceleration)
+    # at rest: what a bumpless start is told besides is zero
+    taken = (*samples[0][:3], *(0.0 for _ in controller.more))
+    recorder.event("bumpless", u, *taken[:3])
     recorder.start()
-    known = n | {"y": gap, "y_ref": reference, "acc_ref": acceleration, "u": u}
+    known = n | dict(zip(controller.signals, taken, strict=True)) | {"u": u}
     program = controller.bumpless
     recorder.states = program.scalar()(*[known[name] for name in program.inputs])
     recorder.commanded = recorder.voltage = u
@@ -198,17 +220,20 @@ def _bumpless(recorder: Recorder, samples: Sequence[tuple[float, float, float]])
         recorder.step(*sample)
 
 
-def _faults(recorder: Recorder, samples: Sequence[tuple[float, float, float]], rest: float) -> None:
+def _faults(recorder: Recorder, samples: Sequence[Sample], rest: float) -> None:
     """Mix unusable samples in, one class after another, then trip and reset."""
     n = recorder.numbers
     nan, inf = math.nan, math.inf
-    bad = [
+    more = recorder.controller.more
+    bad: list[Sample] = [
         *[(gap, rest, 0.0) for gap in (nan, inf, -inf, -1.0, n["gap_high"] * 2, 1e300, -1e300)],
         *[(rest, reference, 0.0) for reference in (nan, inf, -inf, -1.0, n["gap_high"] * 2)],
         *[(rest, rest, a) for a in (nan, inf, -inf, 2 * LARGEST_ACCELERATION, -1e300)],
         (nan, nan, nan),
         (-0.0 if n["gap_low"] > 0 else -1e-300, rest, 0.0),
     ]
+    for k in range(len(more)):
+        bad += [(rest, rest, 0.0, *_one_of(len(more), k, x)) for x in (nan, inf, -inf, 1e30)]
     for k, sample in enumerate(samples):
         recorder.step(*sample)
         if k % 5 == 2:
@@ -218,7 +243,12 @@ def _faults(recorder: Recorder, samples: Sequence[tuple[float, float, float]], r
         recorder.step(rest, edge, -n["acc_max"])
 
 
-def _lost_sensor(recorder: Recorder, samples: Sequence[tuple[float, float, float]]) -> None:
+def _one_of(count: int, place: int, value: float) -> list[float]:
+    """Return zeros, but for one place."""
+    return [value if k == place else 0.0 for k in range(count)]
+
+
+def _lost_sensor(recorder: Recorder, samples: Sequence[Sample]) -> None:
     """Lose the sensor until the controller trips, let it come back, and reset."""
     count = recorder.controller.hold_samples
     _reset(recorder)

@@ -181,7 +181,7 @@ def _c(controller: ExportedController, work: Path) -> Part:
     skipped = tuple(reason for part in parts for reason in part.skipped)
     if not compilers() or any(not check.passed for check in checks):
         return Part(checks, skipped)
-    return Part(checks, skipped, library(compilers()[0], work, prefix, work / "double.so"))
+    return Part(checks, skipped, library(compilers()[0], work, controller, work / "double.so"))
 
 
 def _built(prefix: str, work: Path) -> Part:

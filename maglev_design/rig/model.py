@@ -147,6 +147,13 @@ class Rig(Section):
     def _in_front_of_the_magnet(self) -> Self:
         """Refuse gaps at which y + y0 is not positive."""
         if self.plant.force_law == "exponential":
+            spread = self.uncertainty.gap_offset
+            if spread is not None:
+                raise fault(
+                    "uncertainty.gap_offset",
+                    list(spread.reach),
+                    "an exponential force law has none; spread force_constant instead",
+                )
             return self
         offset, (low, _) = self.plant.gap_offset, self.limits.gap
         spread = self.uncertainty.gap_offset

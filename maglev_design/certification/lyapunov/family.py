@@ -18,6 +18,7 @@ from maglev_design.certification.numbers import check_same_rig
 from maglev_design.certification.rationals import decimal, short
 from maglev_design.controller.design import Design
 from maglev_design.controller.family import family_of, rectangle
+from maglev_design.controller.matching import only_papers_plant
 from maglev_design.controller.timing import ExactTiming, exact_timing
 from maglev_design.errors import InputError
 from maglev_design.files import digest, finite
@@ -164,6 +165,7 @@ def subject(design: Design, rig: Rig) -> ExactSubject:
             f"controller = {design.controller.name!r}: a certificate needs 'tan-gpi', whose "
             "loop's dependence on the gap is known in closed form"
         )
+    only_papers_plant(rig, "a Lyapunov certificate", design.controller)
     check_same_rig(rig, design)
     return ExactSubject(
         numbers=finite(design.numbers),
