@@ -19,6 +19,9 @@ from maglev_design.controller import checks
 from maglev_design.controller import design as designs
 from maglev_design.controller.believed import Believed
 from maglev_design.controller.design import PoleSpec
+from maglev_design.controller.plant import (
+    path_gaps,
+)
 from maglev_design.controller.timing import Timing, timing
 from maglev_design.errors import InputError
 from maglev_design.options import EQUILIBRIA, METHODS, Equilibrium, Method
@@ -370,9 +373,9 @@ def test_the_controller_s_beta_is_a_choice() -> None:
 
 def test_the_gaps_of_the_path_include_the_start_and_the_working_point() -> None:
     rig = rig_with(SHORT, {"initial.gap": 0.03, "reference.end_gap": 0.015})
-    gaps = designs.path_gaps(rig, POINTS)
+    gaps = path_gaps(rig, POINTS)
     assert (gaps[0], gaps[-1], len(gaps)) == (0.015, 0.03, POINTS)
-    hold = designs.path_gaps(rig_with(MINIMAL), POINTS)
+    hold = path_gaps(rig_with(MINIMAL), POINTS)
     assert hold.tolist() == [MINIMAL["operating_point"]["gap"]]
 
 

@@ -18,6 +18,9 @@ from scipy.linalg import expm
 from scipy.signal import TransferFunction, cont2discrete, lsim, residue
 
 from maglev_design.controller import design
+from maglev_design.controller.plant import (
+    path_gaps,
+)
 from maglev_design.derivation import terms as d
 from maglev_design.files import finite
 from maglev_design.options import EQUILIBRIA, Equilibrium, Method
@@ -449,7 +452,7 @@ def test_the_largest_period_by_another_discretisation(
     limit = number(claims["4-haykin"], f"largest_period_{method}")
 
     def worst(period: float) -> float:
-        loops = [linear_loop(case, gap=float(gap)) for gap in design.path_gaps(case.rig, 5)]
+        loops = [linear_loop(case, gap=float(gap)) for gap in path_gaps(case.rig, 5)]
         return max(sampled_radius(loop, period, method) for loop in loops)
 
     assert worst((1 - SAMPLED_EDGE) * limit) < 1 < worst((1 + SAMPLED_EDGE) * limit)

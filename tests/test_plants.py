@@ -22,12 +22,14 @@ from maglev_design.controller.design import (
     PoleSpec,
     coefficient_inputs,
     make_design,
-    on_plant,
     plant_beta,
     tangent_matrices,
     true_equilibrium,
 )
 from maglev_design.controller.family import family_of
+from maglev_design.controller.plant import (
+    on_plant,
+)
 from maglev_design.errors import InputError
 from maglev_design.linear_loop.general import PlacedLaw, any_order
 from maglev_design.options import (
@@ -321,10 +323,12 @@ def test_the_feedforward_holds_the_ball_at_every_gap_of_the_path(name: str) -> N
 def test_which_law_belongs_to_which_plant() -> None:
     assert matching.matching_law(rig_with(SHORT)) == TAN_GPI
     assert matching.matching_law(plant_named("coil")) == Controller(design_model="lag")
+    fast = rig_with(changed(SHORT, {"drive.lag": 0.001}))
+    assert matching.matching_law(fast) == TAN_GPI
     assert matching.matching_law(plant_named("damped")) == Controller(design_model="damped")
     assert matching.matching_law(plant_named("dipole")) == Controller(static_voltage="series")
     assert matching.law_named("tan-gpi-2", plant_named("coil")) == TAN_GPI
-    with pytest.raises(InputError, match="of second order, and tan-gpi is its law"):
+    with pytest.raises(InputError, match="on this rig tan-gpi is of second order"):
         matching.law_named("tan-gpi-2", rig_with(SHORT))
     with pytest.raises(InputError, match="inverse-square force"):
         matching.law_named("fee-gpi", plant_named("dipole"))

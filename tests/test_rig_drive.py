@@ -12,10 +12,12 @@ from test_plants import COIL, placed, plant_named
 from maglev_design.controller.checks import check_path_voltage
 from maglev_design.controller.design import (
     believed_equilibrium,
-    fastest_unstable_pole,
     plant_beta,
-    plant_numbers,
     true_equilibrium,
+)
+from maglev_design.controller.plant import (
+    fastest_unstable_pole,
+    plant_numbers,
 )
 from maglev_design.errors import InputError
 from maglev_design.options import PAPER_PLANT, PlantKind
@@ -79,6 +81,13 @@ BAD = [
     ),
     ({"uncertainty.lag": [-0.001, 0.002]}, ["uncertainty.lag", "at least 0"]),
     ({"uncertainty.resistance": 2.0}, ["uncertainty.resistance", "ohm"]),
+    ({"uncertainty.lag": [0.001, 0.002]}, ["uncertainty.lag", "drive.lag", "above 0"]),
+    (
+        {"drive.lag": 0.001, "uncertainty.lag": [0.0, 0.002]},
+        ["uncertainty.lag = [0.0, 0.002]", "above 0"],
+    ),
+    ({"uncertainty.resistance": [1.0, 2.0]}, ["uncertainty.resistance", "kind = 'voltage'"]),
+    ({**VOLTAGE, "uncertainty.lag": [0.001, 0.002]}, ["uncertainty.lag", "kind = 'current'"]),
 ]
 
 
@@ -102,7 +111,6 @@ def test_what_cannot_be_is_refused_with_field_value_and_remedy(
         ({"drive.lag": 0.002}, PlantKind(actuation="lag")),
         (VOLTAGE, PlantKind(actuation="coil")),
         ({**VOLTAGE, "drive.inductance_law": "constant"}, PlantKind(actuation="lag")),
-        ({"uncertainty.lag": [0.0, 0.001]}, PlantKind(actuation="lag")),
         ({"plant.damping": 0.1}, PlantKind(damped=True)),
         ({"uncertainty.damping": [0.0, 0.1]}, PlantKind(damped=True)),
         ({"drive.input_offset": -0.1}, PlantKind(offset=True)),

@@ -9,7 +9,12 @@ import pytest
 from grids import coarse
 from rigs import MINIMAL, QUICK, STUBBORN, rig_with
 
-from maglev_design.controller.design import PoleSpec, fastest_unstable_pole
+from maglev_design.controller.design import (
+    PoleSpec,
+)
+from maglev_design.controller.plant import (
+    fastest_unstable_pole,
+)
 from maglev_design.errors import InputError
 from maglev_design.files import finite
 from maglev_design.rig import Rig, load_rig

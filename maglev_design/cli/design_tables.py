@@ -225,6 +225,8 @@ def _print_alternatives(document: dict[str, Any]) -> None:
             _print_planning(document, other)
             continue
         poles = "tuned anew" if other["tuned"] else "same poles"
+        if other.get("supply_voltage"):
+            poles += f", {other['supply_voltage']:.3g} V supply"
         rows.append(
             (
                 f"{other['kind']}: {other['name']} ({poles})",

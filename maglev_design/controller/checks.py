@@ -8,10 +8,12 @@ import numpy as np
 
 from maglev_design.controller.design import (
     believed_equilibrium,
-    on_plant,
-    path_gaps,
     plant_beta,
     reference_path,
+)
+from maglev_design.controller.plant import (
+    on_plant,
+    path_gaps,
 )
 from maglev_design.errors import InputError
 from maglev_design.programs import inductance_program, path_voltage_program

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from maglev_design.controller import matching
 from maglev_design.controller.believed import Believed
+from maglev_design.controller.plant import on_plant
 from maglev_design.errors import InputError, check_numbers, check_word
 from maglev_design.files import digest, finite
-from maglev_design.lowering import Program
 from maglev_design.options import (
     EQUILIBRIA,
     METHODS,
@@ -176,38 +176,6 @@ def plant_beta(rig: Rig) -> float:
     return value
 
 
-def plant_numbers(rig: Rig) -> dict[str, float]:
-    """Return the numbers of the rig's plant besides g, beta and y0, by symbol; SI units.
-
-    Those of :attr:`maglev_design.symbolic.plant.Plant.extras`: a lag that is no coil's has R = 1
-    and L its time constant.
-    """
-    plant, drive = rig.plant, rig.drive
-    voltage = drive.kind == "voltage"
-    known = {
-        "n_gap": plant.gap_exponent,
-        "decay": plant.decay_length,
-        "delta": plant.damping / plant.mass,
-        "L": drive.inductance if voltage else drive.lag,
-        "R": drive.resistance if voltage else 1.0,
-        "m": plant.mass,
-        "Y": rig.operating_point.gap,
-        "u0": drive.input_offset,
-    }
-    return {name: value for name, value in known.items() if value is not None}
-
-
-def on_plant(
-    program: Program, rig: Rig, *fixed: Any, moved: Mapping[str, Any] | None = None
-) -> list[Any]:
-    """Return the arguments of a plant's program: `fixed` first, then the plant's own numbers.
-
-    `moved` says which of these are not the rig's.
-    """
-    own: dict[str, Any] = {**plant_numbers(rig), **(moved or {})}
-    return [*fixed, *(own[name] for name in program.inputs[len(fixed) :])]
-
-
 def reference_path(
     rig: Rig, times: NDArray[np.float64], derivatives: int = 2
 ) -> NDArray[np.float64]:
@@ -224,21 +192,6 @@ def reference_path(
         path.end_time,
     )
     return np.stack([np.broadcast_to(row, np.shape(times)) for row in rows])
-
-
-def path_gaps(rig: Rig, points: int) -> NDArray[np.float64]:
-    """Return `points` gaps [m] over the hull of the path, the initial gap and Y, ends included."""
-    path = rig.reference
-    ends = (path.start_gap, path.end_gap, rig.initial.gap, rig.operating_point.gap)
-    return (
-        np.linspace(min(ends), max(ends), points) if min(ends) < max(ends) else np.array(ends[:1])
-    )
-
-
-def fastest_unstable_pole(rig: Rig) -> float:
-    """Return p = sqrt(C_Y) [1/s] of the plant at the smallest gap of its path."""
-    gap = float(path_gaps(rig, 2)[0])
-    return math.sqrt(true_equilibrium(rig, plant_beta(rig), gap).C_Y)
 
 
 def true_equilibrium(

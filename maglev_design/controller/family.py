@@ -13,7 +13,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design.controller import design as designs
+from maglev_design.controller.plant import (
+    path_gaps,
+)
 from maglev_design.errors import InputError
 from maglev_design.options import Equilibrium
 from maglev_design.rig import Rig
@@ -134,7 +136,7 @@ def family_of(
     InputError
         For an error outside [0, 1).
     """
-    low, high = designs.path_gaps(rig, 2)[[0, -1]]
+    low, high = path_gaps(rig, 2)[[0, -1]]
     plant, stated = rig.plant, rig.uncertainty
     offsets = (plant.gap_offset,) if stated.gap_offset is None else stated.gap_offset.reach
     shifts = (offsets[0] - plant.gap_offset, offsets[-1] - plant.gap_offset)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from maglev_design.controller.plant import fastest_unstable_pole
 from maglev_design.errors import InputError
 from maglev_design.options import (
     PAPER_PLANT,
@@ -13,10 +14,18 @@ from maglev_design.options import (
 )
 from maglev_design.rig import Rig
 
+NO_IDEAL_DRIVE = 0.05
+"""p tau from which a drive's lag is reckoned with; p is the plant's unstable pole."""
+
 
 def design_model(rig: Rig) -> DesignModel:
-    """Return the tangent plant of the rig that a law of matching order is designed with."""
-    if rig.kind.order > 2:
+    """Return the tangent plant of the rig that its law is designed with.
+
+    A drive that is fast beside the plant's unstable pole p, p tau < 0.05, is no state of it: a law
+    of third order would have to place its poles beyond 1/tau. Every judgement has it all the same.
+    """
+    product = fastest_unstable_pole(rig) * rig.drive.time_constant
+    if rig.kind.order > 2 and product >= NO_IDEAL_DRIVE:
         return "lag"
     return "damped" if rig.kind.damped else "undamped"
 
@@ -37,7 +46,7 @@ def _static(rig: Rig) -> StaticVoltage:
 
 
 def matching_law(rig: Rig) -> Controller:
-    """Return TAN-GPI of the order of the rig's plant.
+    """Return TAN-GPI of the order of the rig's plant, but for a drive that is fast.
 
     Examples
     --------
@@ -65,10 +74,10 @@ def law_named(name: LawName, rig: Rig) -> Controller:
     if name == "tan-gpi":
         return matching_law(rig)
     if name == "tan-gpi-2":
-        if rig.kind.order == 2:
+        if design_model(rig) != "lag":
             raise InputError(
-                "controller tan-gpi-2: the second-order law on a plant of third order; this rig's "
-                "plant is of second order, and tan-gpi is its law"
+                "controller tan-gpi-2: the second-order law where tan-gpi is of third order; on "
+                "this rig tan-gpi is of second order"
             )
         return second_order_law(rig)
     law = Controller(name)
@@ -96,8 +105,8 @@ def plant_words(rig: Rig) -> str:
     if kind.force == "exponential":
         words.append("the force K i^2 exp(-y/a)")
     if kind.order > 2:
-        what = "a coil under voltage, L/R" if drive.kind == "voltage" else "a drive with the lag"
-        words.append(f"{what} = {1e3 * drive.time_constant:.3g} ms")
+        what = "a coil under voltage, L/R =" if drive.kind == "voltage" else "a drive with a lag of"
+        words.append(f"{what} {1e3 * drive.time_constant:.3g} ms")
     if kind.damped:
         words.append("a damped ball")
     if kind.offset:

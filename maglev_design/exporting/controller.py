@@ -11,6 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design.controller import design as designs
+from maglev_design.controller.plant import (
+    path_gaps,
+    plant_numbers,
+)
 from maglev_design.errors import InputError
 from maglev_design.exporting.text import plain
 from maglev_design.lowering import Program
@@ -269,7 +273,7 @@ def _plant_constants(rig: Rig) -> tuple[Constant, ...]:
     """Return the numbers of the rig's nonlinear plant."""
     power = rig.kind.exponent
     unit = "m^3/(s^2 V^2)" if rig.kind.force == "inverse-square" else "SI"
-    own = designs.plant_numbers(rig)
+    own = plant_numbers(rig)
     names = [*acceleration_program(rig.kind).inputs]
     if rig.kind.order > 2:
         names += drive_program(rig.kind).inputs
@@ -354,7 +358,7 @@ def _hold_samples(rig: Rig) -> int:
     As many as fit into the time in which the ball alone moves off by a factor e at the smallest
     gap of the path, 1/sqrt(C_Y): beyond it the held voltage belongs to another gap.
     """
-    smallest = float(designs.path_gaps(rig, 2)[0])
+    smallest = float(path_gaps(rig, 2)[0])
     rest = designs.true_equilibrium(rig, designs.plant_beta(rig), smallest)
     return max(1, math.floor(1 / (math.sqrt(rest.C_Y) * rig.sampling.period)))
 

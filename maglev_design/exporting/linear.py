@@ -18,7 +18,9 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.optimize import minimize_scalar
 
-from maglev_design.controller.design import on_plant
+from maglev_design.controller.plant import (
+    on_plant,
+)
 from maglev_design.controller.timing import timing
 from maglev_design.lowering import Program
 from maglev_design.programs import tangent_program

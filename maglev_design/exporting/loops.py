@@ -10,7 +10,9 @@ from typing import Protocol
 
 import numpy as np
 
-from maglev_design.controller import design as designs
+from maglev_design.controller.plant import (
+    plant_numbers,
+)
 from maglev_design.controller.timing import timing
 from maglev_design.errors import VerificationError
 from maglev_design.exporting.controller import ExportedController
@@ -200,7 +202,7 @@ class FlownPlant:
 
     def __init__(self, rig: Rig, beta: float, lag: float) -> None:
         self.lag, self._floor, self._drive = lag, floor_gap(rig), None
-        self._known = {**designs.plant_numbers(rig), "beta": beta, "g": rig.plant.gravity}
+        self._known = {**plant_numbers(rig), "beta": beta, "g": rig.plant.gravity}
         self._known["y0"] = rig.plant.gap_offset
         program = acceleration_program(rig.kind)
         self._names, self._pull = program.inputs, program.scalar()

@@ -17,6 +17,9 @@ from scipy.optimize import minimize, minimize_scalar
 
 from maglev_design.controller import design as designs
 from maglev_design.controller.data import design_as_data
+from maglev_design.controller.plant import (
+    path_gaps,
+)
 from maglev_design.errors import InputError
 from maglev_design.exporting.behaviour import Progress, apart, longest_delay
 from maglev_design.exporting.controller import ExportedController
@@ -197,7 +200,7 @@ def believed_plant(subject: PromiseSubject) -> Check:
 def covered(subject: PromiseSubject) -> Check:
     """Check that the family holds every gap of the path, the initial gap and Y, and ratio 1."""
     low, high = subject.document["family"]["gaps"]
-    first, last = designs.path_gaps(subject.controller.record.rig, 2)[[0, -1]]
+    first, last = path_gaps(subject.controller.record.rig, 2)[[0, -1]]
     weak, strong = subject.ratios
     missed = max(low - first, last - high, 0.0)
     value = 1e6 * float(missed) if weak <= 1 <= strong else math.inf

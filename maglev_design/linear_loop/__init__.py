@@ -30,9 +30,11 @@ from maglev_design.controller.believed import (
 from maglev_design.controller.design import (
     Design,
     coefficient_inputs,
-    on_plant,
 )
 from maglev_design.controller.family import Family
+from maglev_design.controller.plant import (
+    on_plant,
+)
 from maglev_design.controller.timing import timing
 from maglev_design.linear_loop.general import PlacedLaw, any_order
 from maglev_design.linear_loop.polynomials import mean_square, modulus, polynomial_roots, sum_of

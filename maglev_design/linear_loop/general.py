@@ -13,7 +13,9 @@ from typing import Any
 import casadi as ca
 
 from maglev_design import programs
-from maglev_design.controller.design import on_plant
+from maglev_design.controller.plant import (
+    on_plant,
+)
 from maglev_design.linear_loop.polynomials import resolvent, shifted, sum_of, times
 from maglev_design.lowering import Program
 from maglev_design.options import Controller, Method

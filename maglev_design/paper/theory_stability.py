@@ -13,13 +13,15 @@ from sympy import Expr, Symbol
 
 from maglev_design.controller.design import (
     believed_equilibrium,
-    path_gaps,
     plant_beta,
     reference_of,
     reference_path,
     voltage_on_plant,
 )
 from maglev_design.controller.family import Family, family_of
+from maglev_design.controller.plant import (
+    path_gaps,
+)
 from maglev_design.derivation import terms as d
 from maglev_design.linear_loop import build_loop, spectral_radius
 from maglev_design.options import EQUILIBRIA, Equilibrium

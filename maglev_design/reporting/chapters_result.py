@@ -291,6 +291,8 @@ def alternatives_chapter(record: DesignRecord) -> ReportSection | None:
     for other in document["alternatives"]:
         worst = other["worst_case"]
         anew = "tuned anew" if other["tuned"] else "same poles"
+        if other.get("supply_voltage"):
+            anew += f", {other['supply_voltage']:.3g} V supply"
         kind = "U measured:" if other["kind"] == "planning" else other["kind"]
         rows.append(
             (

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from itertools import groupby
 
-from maglev_design.controller.design import path_gaps, true_equilibrium
+from maglev_design.controller.design import (
+    true_equilibrium,
+)
+from maglev_design.controller.plant import (
+    path_gaps,
+)
 from maglev_design.programs import routh_program, slope_program
 from maglev_design.record import DesignRecord
 from maglev_design.reporting import prose

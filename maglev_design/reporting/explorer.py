@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from maglev_design.controller import design as designs
 from maglev_design.controller.design import PATH_ENDS
+from maglev_design.controller.plant import (
+    path_gaps,
+)
 from maglev_design.controller.timing import timing
 from maglev_design.files import picked
 from maglev_design.lowering import Program
@@ -91,7 +93,7 @@ def explorer_data(record: DesignRecord) -> dict[str, Any]:
     rig, design = record.rig, record.design
     loop = loop_for(rig, design)
     when = timing(rig.sampling.period, rig.sampling.delay)
-    path, gaps = rig.reference, designs.path_gaps(rig, 2)
+    path, gaps = rig.reference, path_gaps(rig, 2)
     believed = design.believed
     start = nominal_scenario(rig, believed.beta)
     return {

@@ -89,8 +89,7 @@ class Rig(Section):
     def kind(self) -> PlantKind:
         """What the plant is made of; what is only uncertain, and 0 in the file, is part of it."""
         plant, drive, spread = self.plant, self.drive, self.uncertainty
-        lags = bool(drive.lag) or spread.lag is not None
-        actuation: Actuation = "lag" if lags else "ideal"
+        actuation: Actuation = "lag" if drive.lag else "ideal"
         if drive.kind == "voltage":
             actuation = "coil" if drive.inductance_law == "energy" else "lag"
         return PlantKind(
@@ -126,6 +125,28 @@ class Rig(Section):
             if last == "drive.current_gain":
                 why = "the current gain stands twice; leave one of the two out"
             raise fault(last, given[last], f"given beside {next(iter(given))}: {why}")
+        return self
+
+    @model_validator(mode="after")
+    def _spread_of_the_drive(self) -> Self:
+        """Refuse a spread of what this drive has not, and a lag that may be 0."""
+        spreads, voltage = self.uncertainty.spreads, self.drive.kind == "voltage"
+        for name, belongs in (
+            ("lag", not voltage),
+            ("resistance", voltage),
+            ("inductance", voltage),
+        ):
+            spread = spreads.get(name)
+            if spread is None:
+                continue
+            where, reach = f"uncertainty.{name}", list(spread.reach)
+            if not belongs:
+                kind = "current" if voltage else "voltage"
+                raise fault(where, reach, f"belongs to [drive] kind = {kind!r}")
+            if not (reach[0] > 0 and self.stated(name) > 0):
+                raise fault(
+                    where, reach, f"needs drive.{name} and every value of its spread above 0"
+                )
         return self
 
     @model_validator(mode="after")

@@ -17,6 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design.controller import design as designs
+from maglev_design.controller.plant import (
+    on_plant,
+    path_gaps,
+    plant_numbers,
+)
 from maglev_design.controller.timing import Timing, timing
 from maglev_design.errors import InputError, check_numbers, check_word
 from maglev_design.options import METHODS, TAN_GPI, Controller, Method, PlantKind
@@ -35,6 +40,8 @@ Array = NDArray[np.float64]
 
 STEP_PER_TIME_CONSTANT = 0.1
 """Integration step as a fraction of the fastest time constant: RK4's error a step is below 1e-7."""
+FAST_DRIVE = 0.2
+"""The same for a drive that settles within a period: of its current little reaches the gap."""
 CONTACT = 1e-3
 """Share of Y at which a ball counts as touching the magnet when the rig gives no lower limit."""
 
@@ -178,7 +185,7 @@ def kind_of(rig: Rig, *, emulate: bool) -> PlantKind:
 
 def drive_numbers(rig: Rig, *, emulate: bool) -> dict[str, float]:
     """Return the numbers of the plant that runs, by symbol; see :func:`kind_of`."""
-    numbers = designs.plant_numbers(rig)
+    numbers = plant_numbers(rig)
     if kind_of(rig, emulate=emulate) != rig.kind:
         numbers |= {"L": rig.emulator.inductance, "R": rig.emulator.resistance}
     return numbers
@@ -219,11 +226,14 @@ def build(
         raise InputError(f"refine = {refine!r}: must be a whole number from 1 on")
     period = rig.sampling.period
     when = timing(period, rig.sampling.delay) if method else Timing(0, 0.0, 0)
-    smallest = float(designs.path_gaps(rig, 2)[0])
+    smallest = float(path_gaps(rig, 2)[0])
     unstable = designs.true_equilibrium(rig, designs.plant_beta(rig), smallest).C_Y
     emulator = rig.emulator if emulate else None
     kind = kind_of(rig, emulate=emulate)
-    rate = max(math.sqrt(2 * unstable), fastest, _drive_speed(rig, kind, emulate=emulate))
+    current = _drive_speed(rig, kind, emulate=emulate)
+    if kind == rig.kind and current * period > 1:
+        current *= STEP_PER_TIME_CONSTANT / FAST_DRIVE
+    rate = max(math.sqrt(2 * unstable), fastest, current)
 
     def substeps(duration: float) -> int:
         return refine * math.ceil(duration * rate / STEP_PER_TIME_CONSTANT) if duration else 0
@@ -276,9 +286,9 @@ def _drive_speed(rig: Rig, kind: PlantKind, *, emulate: bool) -> float:
     numbers = drive_numbers(rig, emulate=emulate)
     least = min(
         program.scalar()(
-            *designs.on_plant(program, rig, float(gap), beta, rig.plant.gap_offset, moved=numbers)
+            *on_plant(program, rig, float(gap), beta, rig.plant.gap_offset, moved=numbers)
         )[0]
-        for gap in designs.path_gaps(rig, 2)
+        for gap in path_gaps(rig, 2)
     )
     return 1 / (least / numbers["R"])
 

@@ -18,6 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design.controller import design as designs
+from maglev_design.controller.plant import (
+    plant_numbers,
+)
 from maglev_design.controller.timing import timing
 from maglev_design.options import Controller
 from maglev_design.programs import (
@@ -214,7 +217,7 @@ def _integrator(rig: Rig, scenario: Scenario, controller: Controller, drive: Dri
     from scipy.integrate import ode  # noqa: PLC0415 - heavy, and only this check needs it
 
     plant, kind = rig.plant, rig.kind
-    known = designs.plant_numbers(rig) | dict(scenario.numbers) | {"beta": scenario.beta_plant}
+    known = plant_numbers(rig) | dict(scenario.numbers) | {"beta": scenario.beta_plant}
     known["g"] = plant.gravity if scenario.gravity is None else scenario.gravity
     known["y0"] = plant.gap_offset if scenario.gap_offset is None else scenario.gap_offset
     acceleration, current = acceleration_program(kind), None

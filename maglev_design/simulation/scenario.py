@@ -39,7 +39,7 @@ class Scenario:
         Standard deviations [V, m] where they are not the rig's.
     numbers : tuple of (str, float)
         Further numbers of the plant, by symbol, where they are not the rig's; see
-        :func:`maglev_design.controller.design.plant_numbers`.
+        :func:`maglev_design.controller.plant_numbers`.
     """
 
     beta_plant: float

@@ -13,8 +13,14 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_design.controller.design import Design, on_plant, plant_numbers
+from maglev_design.controller.design import (
+    Design,
+)
 from maglev_design.controller.family import family_of
+from maglev_design.controller.plant import (
+    on_plant,
+    plant_numbers,
+)
 from maglev_design.options import Equilibrium
 from maglev_design.programs import believed_program, beta_program
 from maglev_design.rig import Rig, Spread

@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 
 from maglev_design.controller.checks import voltage_warning
-from maglev_design.controller.design import (
+from maglev_design.controller.matching import NO_IDEAL_DRIVE
+from maglev_design.controller.plant import (
     fastest_unstable_pole,
 )
 from maglev_design.rig import DEFAULT_VOLTAGE_ERROR, Rig
 from maglev_design.tuning.problem import TuningProblem
 
-NOTICED_COIL, NO_IDEAL_DRIVE = 0.02, 0.05
-"""p L/R from which the coil matters, and from which the current cannot be taken as commanded."""
+NOTICED_COIL = 0.02
+"""p L/R from which the coil matters."""
 COARSE_SAMPLING = 0.3
 """p T above which the ball falls noticeably between two samples."""
 

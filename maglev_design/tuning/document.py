@@ -65,6 +65,7 @@ def as_json(result: TuneResult) -> dict[str, Any]:
                 else None,
                 "name": a.name,
                 "tuned": a.tuned,
+                **({"supply_voltage": a.supply_voltage} if a.kind == "drive" else {}),
                 "poles": a.poles.pairs,
                 "worst_case": _figures(problem, a.figures),
                 "feasible": a.figures.feasible,

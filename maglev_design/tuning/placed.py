@@ -24,11 +24,10 @@ from maglev_design.tuning.cautions import cautions
 from maglev_design.tuning.emulated import emulated_row
 from maglev_design.tuning.evaluation import design_at
 from maglev_design.tuning.figures import judge, verify, with_noise
-from maglev_design.tuning.problem import TuningProblem
+from maglev_design.tuning.problem import TuningProblem, changed
 from maglev_design.tuning.result import (
     Status,
     TuneResult,
-    changed,
     judged_baseline,
 )
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +24,12 @@ from maglev_design.controller.design import (
     Design,
     PoleSpec,
     believed_equilibrium,
-    fastest_unstable_pole,
 )
 from maglev_design.controller.family import Family, family_of
 from maglev_design.controller.matching import check_law, matching_law
+from maglev_design.controller.plant import (
+    fastest_unstable_pole,
+)
 from maglev_design.errors import InputError, nearest
 from maglev_design.figures import DESCRIBED, OBJECTIVES, ShownFigure
 from maglev_design.options import (
@@ -304,3 +307,26 @@ def _checked(name: str, bounds: tuple[float, float]) -> tuple[float, float]:
     if not (math.isfinite(low) and math.isfinite(high) and 0 < low < high):
         raise InputError(f"{name} = {low!r} {high!r}: must be two numbers, 0 < lower < upper")
     return bounds
+
+
+def changed(problem: TuningProblem, **options: Any) -> TuningProblem:
+    """Return the problem with other options of :func:`build_problem`."""
+    known: dict[str, Any] = {
+        "objective": problem.objective.key,
+        "equilibrium": problem.equilibrium,
+        "method": problem.method,
+        "beta_error": problem.given_beta_error,
+        "voltage": problem.believed.U,
+        "max_ms": problem.limits.max_ms,
+        "max_noise_voltage": problem.limits.max_noise_voltage,
+        "allow_saturation": problem.limits.allow_saturation,
+        "scenarios": "robust" if any(case.flipped for case in problem.cases) else "nominal",
+        "distinct": problem.distinct,
+        "zeta_bounds": tuple(problem.bounds[0]),
+        "omega_bounds": tuple(problem.bounds[1]),
+        "seed": problem.seed,
+        "certifies": problem.certifies,
+        "controller": problem.controller,
+        "gains": problem.gains,
+    }
+    return build_problem(problem.rig, **known | options)

@@ -11,10 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_design import linear_loop as loops
+from maglev_design.controller.matching import second_order_law
 from maglev_design.rig import MOST_DELAYED_PERIODS
 from maglev_design.tuning import dense
 from maglev_design.tuning.cautions import sampling_product
-from maglev_design.tuning.problem import TuningCase, TuningProblem
+from maglev_design.tuning.figures import judge
+from maglev_design.tuning.problem import TuningCase, TuningProblem, changed
 
 Array = NDArray[np.float64]
 
@@ -60,9 +62,15 @@ def _least(problem: TuningProblem, score: dense.Score, told: Callable[[], None])
 def relief(problem: TuningProblem, tightest: str) -> Relief | None:
     """Return the smallest change of options that makes the problem feasible, None without one.
 
-    One kind of limit alone where that suffices, that of the name `tightest` before the others,
-    else as many as have to move.
+    else as many as have to move. Before them all, behind a drive, the second-order law, since the
+    poles of the third-order one may have to be too fast.
     """
+    if problem.controller.plant_order > 2:
+        law = second_order_law(problem.rig)
+        other = changed(problem, controller=law)
+        point = closest(other, lambda: None)
+        if point is not None and judge(other, other.poles(point)).feasible:
+            return Relief({"controller": law}, "--controller tan-gpi-2 would do")
     kinds = sorted(OPTIONS, key=lambda kind: tightest not in OPTIONS[kind])
     for group in [*([kind] for kind in kinds), kinds]:
         names = [name for kind in group for name in OPTIONS[kind]]
@@ -158,7 +166,9 @@ def _stabilisable(problem: TuningProblem, change: dict[str, float]) -> bool:
     rig = problem.rig
     sampling = rig.sampling.model_copy(update=change)
     moved = rig.model_copy(update={"sampling": sampling})
-    loop = loops.build_loop(moved, problem.believed, method=problem.method)
+    loop = loops.build_loop(
+        moved, problem.believed, method=problem.method, controller=problem.controller
+    )
     zeta, omega_n = (np.geomspace(low, high, 12) for low, high in problem.bounds)
     return any(
         loops.spectral_radius(loop, (z, w, z, w), problem.family).value < 1

@@ -12,6 +12,7 @@ import numpy as np
 from maglev_design.controller.design import Design, PoleSpec, believed_equilibrium
 from maglev_design.interrupt import deferred
 from maglev_design.options import EQUILIBRIA, METHODS, Method
+from maglev_design.tuning.alternatives import other_laws_and_drives
 from maglev_design.tuning.cautions import cautions
 from maglev_design.tuning.emulated import (
     EmulatedRow,
@@ -30,7 +31,7 @@ from maglev_design.tuning.figures import (
     with_noise,
 )
 from maglev_design.tuning.landscape import Landscape, stable_somewhere, starting_points
-from maglev_design.tuning.problem import TuningProblem, build_problem
+from maglev_design.tuning.problem import TuningProblem, changed
 from maglev_design.tuning.relief import (
     Relief,
     Unstabilisable,
@@ -77,7 +78,9 @@ class Baseline:
 class Alternative:
     """The same poles, or where they were tuned anew their own, under another choice.
 
-    `kind` is ``equilibrium``, ``method``, or ``planning`` for what a measurement would bring.
+    `kind` is ``equilibrium``, ``method``, ``planning`` for what a measurement would bring, ``law``
+    or ``drive`` for another law or drive of a rig with a coil. `supply_voltage` [V] is what a drive
+    needs.
     """
 
     kind: str
@@ -85,6 +88,7 @@ class Alternative:
     poles: PoleSpec
     figures: Figures
     tuned: bool
+    supply_voltage: float | None = None
 
 
 @dataclass(frozen=True)
@@ -182,6 +186,7 @@ def solve(
                     relaxed = relaxed_optimum(search, baseline)
                 elif found.feasible:
                     planned = _planned(problem, _named(checked, "with U measured"))
+                    planned += _with_other_drives(problem, checked)
             except KeyboardInterrupt:
                 interrupted = True
         report("judging and verifying", 0.0)
@@ -310,12 +315,28 @@ def _planned(
     rig = problem.rig
     voltage = rig.operating_point.voltage or believed_equilibrium(rig, "model").U
     other = changed(problem, equilibrium="measured", beta_error=None, voltage=voltage)
-    search = Search(other, report, clamped=other.limits.allow_saturation)
+    poles = _quickly(other, report)
+    if poles is None:
+        return ()
+    return (Alternative("planning", "measured", poles, judge(other, poles), True),)
+
+
+def _quickly(problem: TuningProblem, report: Callable[[str, float], None]) -> PoleSpec | None:
+    """Return the poles of a problem that is an aside; None where none are stable."""
+    search = Search(problem, report, clamped=problem.limits.allow_saturation)
     landscape = explore(search)
     if not stable_somewhere(landscape):
-        return ()
-    poles = other.poles(exchange(search, list(_starts(other, landscape))).x)
-    return (Alternative("planning", "measured", poles, judge(other, poles), True),)
+        return None
+    return problem.poles(exchange(search, list(_starts(problem, landscape))).x)
+
+
+def _with_other_drives(
+    problem: TuningProblem, report: Callable[[str, float], None]
+) -> tuple[Alternative, ...]:
+    """Return what another law or drive would bring on a rig with a coil, tuned anew."""
+    named = _named(report, "another law or drive")
+    found = other_laws_and_drives(problem, lambda other: _quickly(other, named))
+    return tuple(Alternative(*row[:4], True, row[4]) for row in found)
 
 
 def alternatives_of(problem: TuningProblem, poles: PoleSpec) -> tuple[Alternative, ...]:
@@ -334,26 +355,3 @@ def alternatives_of(problem: TuningProblem, poles: PoleSpec) -> tuple[Alternativ
             other = changed(problem, method=method)
             found.append(Alternative("method", method, poles, judge(other, poles), False))
     return tuple(found)
-
-
-def changed(problem: TuningProblem, **options: Any) -> TuningProblem:
-    """Return the problem with other options of :func:`build_problem`."""
-    known: dict[str, Any] = {
-        "objective": problem.objective.key,
-        "equilibrium": problem.equilibrium,
-        "method": problem.method,
-        "beta_error": problem.given_beta_error,
-        "voltage": problem.believed.U,
-        "max_ms": problem.limits.max_ms,
-        "max_noise_voltage": problem.limits.max_noise_voltage,
-        "allow_saturation": problem.limits.allow_saturation,
-        "scenarios": "robust" if any(case.flipped for case in problem.cases) else "nominal",
-        "distinct": problem.distinct,
-        "zeta_bounds": tuple(problem.bounds[0]),
-        "omega_bounds": tuple(problem.bounds[1]),
-        "seed": problem.seed,
-        "certifies": problem.certifies,
-        "controller": problem.controller,
-        "gains": problem.gains,
-    }
-    return build_problem(problem.rig, **known | options)
