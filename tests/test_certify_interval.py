@@ -24,7 +24,7 @@ from maglev_design.controller.design import (
     plant_beta,
     true_equilibrium,
 )
-from maglev_design.options import EQUILIBRIA, Controller, Equilibrium
+from maglev_design.options import EQUILIBRIA, PAPER_PLANT, Controller, Equilibrium
 from maglev_design.rig import Rig, load_rig, preset_names
 from maglev_design.simulation import Scenario, loop_for, simulate
 
@@ -37,7 +37,10 @@ ON_THE_AXIS = 1e-9
 NEAR = 1e-7
 """Relative distance from an end at which eigenvalues are asked."""
 MEASURED = rig_with(OFFSET, {"operating_point.voltage": 7.5})
-EVERY = [load_rig(name) for name in preset_names()] + [rig_with(OFFSET), MEASURED]
+EVERY = [rig for rig in map(load_rig, preset_names()) if rig.kind == PAPER_PLANT] + [
+    rig_with(OFFSET),
+    MEASURED,
+]
 SUBJECTS: tuple[tuple[Equilibrium, bool], ...] = (
     *((reading, False) for reading in EQUILIBRIA),
     *((reading, True) for reading in EQUILIBRIA),

@@ -249,15 +249,15 @@ def test_events_are_what_the_vectors_say(work: Path) -> None:
     )
     events, recorded = replayed.read_events(path, "double")
     assert events["kind"].tolist() == [KINDS["path"], KINDS["step"], KINDS["reset"]]
-    assert events["value"][0].tolist() == [0.02, 0.01, 0.0, 1.0]
+    assert events["value"][0].tolist() == [0.02, 0.01, 0.0, 1.0, 0.0, 0.0]
     assert events["value"][1, 0] == 0.1
     assert math.copysign(1.0, events["value"][1, 1]) == -1.0
     assert math.isnan(events["value"][1, 2])
     assert recorded[1].tolist() == [1e300, 2.0, 1.0]
     path.write_text("step,1e300,0.1,-1e300,0.0,0.0,0\n", "ascii")
     events, _ = replayed.read_events(path, "single")
-    assert events["value"][0].tolist() == [math.inf, float(np.float32(0.1)), -math.inf, 0.0]
-    assert events.itemsize == 24
+    assert events["value"][0].tolist() == [math.inf, float(np.float32(0.1)), -math.inf, 0, 0, 0]
+    assert events.itemsize == 32
 
 
 def law_and_pid(controller: ExportedController) -> Iterator[float]:

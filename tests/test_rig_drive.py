@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,9 @@ from test_plants import COIL, placed, plant_named
 
 from maglev_design.controller.checks import check_path_voltage
 from maglev_design.controller.design import (
+    PoleSpec,
     believed_equilibrium,
+    make_design,
     plant_beta,
     true_equilibrium,
 )
@@ -22,7 +25,7 @@ from maglev_design.controller.plant import (
 from maglev_design.errors import InputError
 from maglev_design.options import PAPER_PLANT, PlantKind
 from maglev_design.rig import Rig, load_rig, make_rig, preset_names
-from maglev_design.simulation import build, nominal_scenario, simulate
+from maglev_design.simulation import build, nominal_scenario, simulate, simulate_batch
 from maglev_design.simulation.grid import contact_gap, floor_gap
 from maglev_design.sweeping import make_setup
 from maglev_design.sweeping.scenarios import plants, run_loops, scenario
@@ -272,3 +275,45 @@ def test_the_lines_of_the_warning_make_the_plant_of_the_emulator() -> None:
     moved = rig_with(SHORT, {"plant.current_gain": ..., "drive": {"kind": "voltage", **values}})
     assert plant_beta(moved) == pytest.approx(plant_beta(rig), rel=1e-5)
     assert moved.drive.time_constant == pytest.approx(rig.emulator.time_constant, rel=1e-3)
+
+
+# --- presets -------------------------------------------------------------------------------
+
+TUNED = {
+    "zeltom-eml": (1.697, 137.9),
+    "inteco-mls2em": (1.257, 160.2),
+    "hafner-riedmiller2011": (1.632, 38.38),
+    "levitador-benchmark": (1.262, 105.1),
+}
+"""Poles near those that `tune` finds."""
+
+
+@pytest.mark.parametrize("name", TUNED)
+def test_a_preset_of_another_plant_levitates_at_the_ends_of_its_uncertainty(name: str) -> None:
+    rig = load_rig(name)
+    assert rig.kind != PAPER_PLANT
+    check_path_voltage(rig)
+    design = make_design(rig, PoleSpec.double(*TUNED[name]))
+    loop = build(rig, design.method, controller=design.controller)
+    error = rig.uncertainty.beta
+    for ratio in (1 - error, 1.0, 1 + error):
+        start = nominal_scenario(rig, design.beta_at(ratio))
+        (run,) = simulate_batch(loop, [design], [start])
+        assert not run.metrics.crashed
+        assert abs(run.metrics.final_error) < 1e-6
+
+
+def test_the_numbers_of_the_presets_follow_from_what_is_published() -> None:
+    zeltom, inteco, benchmark, levitador = (load_rig(name) for name in TUNED)
+    k = 17.31e-9 * (1 - (10 / 20) ** 4)
+    assert zeltom.plant.force_constant == pytest.approx(k, rel=1e-9)
+    pull = zeltom.plant.mass * zeltom.plant.gravity / k * 0.01**4
+    assert zeltom.drive.input_offset == pytest.approx(-2.41 * pull, rel=1e-4)
+    assert inteco.plant.force_constant == pytest.approx(1.7521e-2 / 5.8231e-3, rel=1e-7)
+    assert inteco.drive.input_offset == pytest.approx(-0.0243 / 2.5165, rel=1e-5)
+    lag = 1.4142e-4 / 4.5626e-3 * math.exp(-0.009 / 4.5626e-3)
+    assert inteco.drive.lag == pytest.approx(lag, rel=1e-3)
+    assert benchmark.plant.force_constant == 1.599e-3 / 2
+    assert benchmark.drive.inductance == pytest.approx(0.80502 + 1.599e-3 / 0.020, rel=1e-6)
+    assert levitador.plant.force_constant == pytest.approx(0.0035 * 0.0052 / 2, rel=1e-9)
+    assert levitador.drive.inductance == pytest.approx(0.0363 + 0.0035 / (1 + 5 / 5.2), rel=1e-5)

@@ -6,6 +6,9 @@ import sys
 
 from maglev_design.cli.output import number, print_json, table
 
+PAPERS_KIND = "inverse-square force, ideal current drive"
+"""In words, what the paper's plant is."""
+
 
 def list_presets(*, as_json: bool) -> None:
     """Print every preset with its name, its poles' neighbourhood and its source."""
@@ -14,6 +17,7 @@ def list_presets(*, as_json: bool) -> None:
         plant_beta,
         true_equilibrium,
     )
+    from maglev_design.controller.matching import plant_words  # noqa: PLC0415
     from maglev_design.rig import load_rig, preset_names  # noqa: PLC0415
 
     rows = []
@@ -31,6 +35,7 @@ def list_presets(*, as_json: bool) -> None:
                         "title": rig.name,
                         "source": rig.source,
                         "notes": rig.notes,
+                        "plant": plant_words(rig) or PAPERS_KIND,
                         "beta": beta,
                         "equilibrium": {"Y": rig.operating_point.gap, "U": rest.U}
                         | {"C_U": rest.C_U, "C_Y": rest.C_Y},
@@ -59,4 +64,5 @@ def list_presets(*, as_json: bool) -> None:
     )
     for name, rig, _, _ in rows:
         sys.stdout.write(f"{name}: {rig.name}\n  source: {rig.source}\n")
+        sys.stdout.write(f"  plant: {plant_words(rig) or PAPERS_KIND}\n")
         sys.stdout.write(f"  notes: {' '.join(rig.notes.split())}\n")
